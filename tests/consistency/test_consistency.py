@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from ipmclab import Run, identify, load_actuator, simulate
 from ipmclab.consistency import CHECKS, Fact, cross_check, facts_of_runs, published_facts
 from ipmclab.consistency.flick import flicks, ring_of
-from ipmclab.consistency.known import Known
+from ipmclab.consistency.known import KnownStrip
 from ipmclab.consistency.polymers import MEMBRANES, PLATINUM
 from ipmclab.consistency.push import pushes
 from ipmclab.consistency.stiffness import ring_of_step, stiffness
@@ -149,7 +149,7 @@ def test_masses_and_layers_of_random_strips_agree_within_what_is_taken_as_uncert
     alarms = 0
     for _ in range(200):
         true = virtual_actuator(lambda low, high: float(rng.uniform(low, high)))
-        known = Known(true)
+        known = KnownStrip(true)
         names = ("geometry.thickness", "geometry.width", "geometry.free_length", "beam.density")
         read = {name: value + known.uncertainty(name) * rng.standard_normal() for name, value in known.values.items()}
         sample = replace(
@@ -471,7 +471,7 @@ def test_uncertainties_spread_as_a_product_of_powers_does() -> None:
         "geometry.width": 0.005,
         "geometry.sensing_length": 0.004,
     }
-    known = Known(replace(actuator, standard_uncertainties={n: part * actuator[n] for n, part in stated.items()}))
+    known = KnownStrip(replace(actuator, standard_uncertainties={n: part * actuator[n] for n, part in stated.items()}))
     relative = math.sqrt(0.02**2 + (3 * 0.01) ** 2 + 0.005**2 + (3 * 0.004) ** 2)
     spread = known.spread(stiffness, stated) / stiffness(known.values)
     assert spread == pytest.approx(relative, rel=1e-3)

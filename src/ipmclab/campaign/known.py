@@ -24,7 +24,7 @@ Tell = Callable[[str], None]
 
 
 @dataclass(frozen=True, eq=False)
-class Known:
+class KnownSample:
     """What is known of a sample of a campaign.
 
     Parameters
@@ -79,7 +79,7 @@ def known_of(
     free: Sequence[str] = (),
     models: Path | None = None,
     tell: Tell = lambda _: None,
-) -> tuple[dict[str, Known], tuple[str, ...]]:
+) -> tuple[dict[str, KnownSample], tuple[str, ...]]:
     """What is known of each sample: by a fit that is given, or identified here from all of its runs.
 
     A sample whose model has no laws of the environment is identified in the condition in which most of its runs are.
@@ -100,7 +100,7 @@ def known_of(
 
     Returns
     -------
-    known : mapping of sample to Known
+    known : mapping of sample to KnownSample
     remarks : tuple of str
         Of what nothing is known.
 
@@ -112,7 +112,7 @@ def known_of(
     ids = [strip.sample.id for strip in campaign.strips]
     ours = {sample: tuple(one for one in results if one.run.sample == sample) for sample in ids}
     given = {_sample_of(fit, ours): fit for fit in fits}
-    found: dict[str, Known] = {}
+    found: dict[str, KnownSample] = {}
     remarks: list[str] = []
     for strip in campaign.strips:
         sample = strip.sample.id
@@ -155,14 +155,14 @@ def _sample_of(fit: Fit, ours: Mapping[str, Sequence[RunResult]]) -> str:
     )
 
 
-def _by_fit(fit: Fit, results: Sequence[RunResult]) -> Known:
+def _by_fit(fit: Fit, results: Sequence[RunResult]) -> KnownSample:
     contents = [content for _, content in fit.runs]
     used = [one for one in results if one.record.content_sha256 in contents]
     condition = used[-1].run.condition if used else (results[-1].run.condition if results else "")
-    return Known(fit, tuple(results), condition)
+    return KnownSample(fit, tuple(results), condition)
 
 
-def _newer(sample: str, known: Known) -> Iterator[str]:
+def _newer(sample: str, known: KnownSample) -> Iterator[str]:
     contents = {content for _, content in known.fit.runs}
     count = sum(one.record.content_sha256 not in contents for one in known.results)
     if count:
@@ -183,14 +183,14 @@ def _start(strip: Strip, models: Path | None) -> Actuator:
     return replace(load_actuator(strip.actuator), fit_table=None)
 
 
-def _identified(actuator: Actuator, results: Sequence[RunResult], free: Sequence[str]) -> Known:
+def _identified(actuator: Actuator, results: Sequence[RunResult], free: Sequence[str]) -> KnownSample:
     used = list(results)
     if not has_laws(actuator):
         counts = Counter(one.run.condition for one in results)
         used = [one for one in results if one.run.condition == counts.most_common(1)[0][0]]
     runs = [_named(one) for one in used]
     fit = identify(actuator, runs, free=list(free) or _usual(actuator, runs))
-    return Known(fit, tuple(results), used[-1].run.condition)
+    return KnownSample(fit, tuple(results), used[-1].run.condition)
 
 
 def has_laws(actuator: Actuator) -> bool:

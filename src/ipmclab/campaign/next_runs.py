@@ -14,7 +14,7 @@ from ipmclab.campaign.blocks import CampaignRun
 from ipmclab.campaign.campaign import ROOM, Campaign
 from ipmclab.campaign.grown import lines_of
 from ipmclab.campaign.identified import MODELS
-from ipmclab.campaign.known import Known, Tell, has_laws, known_of, recorded_runs
+from ipmclab.campaign.known import KnownSample, Tell, has_laws, known_of, recorded_runs
 from ipmclab.campaign.planned import plan_campaign
 from ipmclab.errors import InputError
 from ipmclab.fit.fit import Fit
@@ -150,7 +150,7 @@ def propose_for_campaign(
     return NextRuns(proposal, lines_of(campaign, proposal, {sample: one.condition for sample, one in known.items()}))
 
 
-def _by_sample(draws: Sequence[Samples], known: Mapping[str, Known]) -> dict[str, Samples]:
+def _by_sample(draws: Sequence[Samples], known: Mapping[str, KnownSample]) -> dict[str, Samples]:
     """Samples of posteriors by the sample of whose runs they are."""
     of = {frozenset(content for _, content in one.fit.runs): sample for sample, one in known.items()}
     found = {}
@@ -167,7 +167,7 @@ def _by_sample(draws: Sequence[Samples], known: Mapping[str, Known]) -> dict[str
     return found
 
 
-def ways_of(campaign: Campaign, sample: str, known: Known, wishes: Wishes) -> dict[str, Allowance]:
+def ways_of(campaign: Campaign, sample: str, known: KnownSample, wishes: Wishes) -> dict[str, Allowance]:
     """How a sample can be recorded: as each of its experiments, whose limits, rests and conditions hold.
 
     Experiments that differ in nothing of this are one. The largest amplitude is what the campaign itself applies to
@@ -177,7 +177,7 @@ def ways_of(campaign: Campaign, sample: str, known: Known, wishes: Wishes) -> di
     ----------
     campaign : Campaign
     sample : str
-    known : Known
+    known : KnownSample
     wishes : Wishes
 
     Raises

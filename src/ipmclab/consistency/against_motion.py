@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 
 from ipmclab.consistency.facts import Fact, with_zero_first
 from ipmclab.consistency.flick import NAMES as OF_RING
-from ipmclab.consistency.known import Known, Values
+from ipmclab.consistency.known import KnownStrip, Values
 from ipmclab.consistency.push import doubted
 from ipmclab.consistency.stiffness import Motion, stiffness
 from ipmclab.measurement.amount import SURE, Amount, apart, conflict, how_sure
@@ -20,7 +20,7 @@ _POINT = ("geometry.sensing_length",)
 _MASS = (*(name for name in OF_RING if name != "beam.modulus"), "geometry.width", *_POINT)
 
 
-def push_against_motion(known: Known, facts: Sequence[Fact], motions: Sequence[Motion]) -> list[Finding]:
+def push_against_motion(known: KnownStrip, facts: Sequence[Fact], motions: Sequence[Motion]) -> list[Finding]:
     """``push-against-motion``: the slope of a push is not blocked force over free displacement under one voltage.
 
     Both are the stiffness at the sensing point, so that the modulus of the model does not count. Where the model has
@@ -62,7 +62,7 @@ def push_against_motion(known: Known, facts: Sequence[Fact], motions: Sequence[M
     ]
 
 
-def resonance_against_motion(known: Known, facts: Sequence[Fact], motions: Sequence[Motion]) -> list[Finding]:
+def resonance_against_motion(known: KnownStrip, facts: Sequence[Fact], motions: Sequence[Motion]) -> list[Finding]:
     """``resonance-against-motion``: the strip does not ring as force over displacement says.
 
     Density and dimensions give the mass, blocked force over free displacement the stiffness: the modulus of the model
@@ -131,19 +131,19 @@ def _worst(
     return *found[0], f"; likewise {', '.join(others)}" if others else ""
 
 
-def _static(known: Known, one: Motion) -> Amount:
+def _static(known: KnownStrip, one: Motion) -> Amount:
     """The stiffness [N/m] that a force over a displacement says, without what the model's slow modes add."""
     share = stiffness(known.values) / one.model
     value = share * one.measured.value
     return Amount(value, math.hypot(share * one.measured.uncertainty, one.slow * value), "N/m")
 
 
-def _zeros_told(known: Known, one: Motion, still: float) -> str:
+def _zeros_told(known: KnownStrip, one: Motion, still: float) -> str:
     """Clauses with the zeros by which force over displacement would say another stiffness [N/m]."""
     return one.zeros_told(still * one.model / stiffness(known.values))
 
 
-def _taken_off(known: Known, one: Motion) -> str:
+def _taken_off(known: KnownStrip, one: Motion) -> str:
     share = one.model / stiffness(known.values)
     return f", less the slow modes of the model, {share:.3g} times" if abs(share - 1.0) > 0.01 else ""
 
@@ -152,6 +152,6 @@ def _times(large: Amount, small: Amount) -> str:
     return f"{large.value / small.value:.2g} times it"
 
 
-def _ring(known: Known, still: float) -> float:
+def _ring(known: KnownStrip, still: float) -> float:
     """Resonance [Hz] with another stiffness at the sensing point."""
     return resonance(known.values).frequency * math.sqrt(still / stiffness(known.values))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ipmclab.consistency.known import Known, Values
+from ipmclab.consistency.known import KnownStrip, Values
 from ipmclab.measurement.amount import SURE, Amount, beyond, conflict, how_sure
 from ipmclab.run import Finding
 
@@ -15,7 +15,7 @@ The open records of four strips lie at 120 to 180.
 """
 
 
-def capacitance_out_of_range(known: Known) -> list[Finding]:
+def capacitance_out_of_range(known: KnownStrip) -> list[Finding]:
     """``capacitance-out-of-range``: the branches together hold more or less charge than such electrodes do."""
     names = [name for name in known.values if name.startswith("circuit.branches.") and name.endswith(".permittivity")]
 

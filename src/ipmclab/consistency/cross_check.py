@@ -13,7 +13,7 @@ from ipmclab.consistency.dry_mass import dry_mass_against_layers
 from ipmclab.consistency.facts import Fact, facts_of_runs
 from ipmclab.consistency.flick import CODE as FLICK
 from ipmclab.consistency.flick import flicks, resonance_against_stiffness
-from ipmclab.consistency.known import Known
+from ipmclab.consistency.known import KnownStrip
 from ipmclab.consistency.mass import CODE as MASS
 from ipmclab.consistency.mass import density_against_mass
 from ipmclab.consistency.peak import CODE as PEAK
@@ -100,7 +100,7 @@ def cross_check(
     dry-mass-against-layers
     capacitance-out-of-range
     """
-    known = Known(actuator, sample or actuator.sample or _told_by(runs), fit)
+    known = KnownStrip(actuator, sample or actuator.sample or _told_by(runs), fit)
     own = known.sample.id if known.sample else None
     mine = {place for place, run in enumerate(runs) if own in (None, _sample_of(run) or own)}
     together = [

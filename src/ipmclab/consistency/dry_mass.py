@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from ipmclab.consistency.known import Known, Values, area_of
+from ipmclab.consistency.known import KnownStrip, Values, area_of
 from ipmclab.consistency.polymers import membrane_of
 from ipmclab.measurement.amount import SURE, Amount, apart, conflict, how_sure
 from ipmclab.run import Finding
@@ -13,7 +13,7 @@ from ipmclab.units import MASS
 CODE = "dry-mass-against-layers"
 
 
-def dry_mass_against_layers(known: Known) -> list[Finding]:
+def dry_mass_against_layers(known: KnownStrip) -> list[Finding]:
     """``dry-mass-against-layers``: the dry mass is not basis weight x area + 2 x plating x area."""
     sample = known.sample
     membrane = membrane_of(sample.membrane) if sample else None

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ipmclab.consistency.facts import Fact, label_of
-from ipmclab.consistency.known import Known, Values
+from ipmclab.consistency.known import KnownStrip, Values
 from ipmclab.consistency.push import push_of
 from ipmclab.measurement.amount import SURE, Amount, apart, conflict, how_sure
 from ipmclab.model.stages.beam import resonance
@@ -124,7 +124,7 @@ def ring_of(displacement: FloatArray, rate: float) -> tuple[float, float] | None
     return natural, error / (2.0 * math.pi)
 
 
-def resonance_against_stiffness(known: Known, facts: Sequence[Fact]) -> list[Finding]:
+def resonance_against_stiffness(known: KnownStrip, facts: Sequence[Fact]) -> list[Finding]:
     """``resonance-against-stiffness``: the strip rings at another frequency than its modulus and density say."""
 
     def frequency(values: Values) -> float:

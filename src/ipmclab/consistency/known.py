@@ -35,7 +35,7 @@ def area_of(values: Values) -> float:
     return (values["geometry.free_length"] + values["geometry.clamped_length"]) * values["geometry.width"]
 
 
-class Known:
+class KnownStrip:
     """The parameters of an actuator and the masses of its sample, with standard uncertainties.
 
     An uncertainty is the fit's where the parameter was fitted, else the one that the actuator's file states, else the

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ipmclab.consistency.known import Known, Values, area_of
+from ipmclab.consistency.known import KnownStrip, Values, area_of
 from ipmclab.measurement.amount import SURE, Amount, apart, conflict, how_sure
 from ipmclab.run import Finding
 from ipmclab.units import LENGTH, MASS
@@ -10,7 +10,7 @@ from ipmclab.units import LENGTH, MASS
 CODE = "density-against-mass"
 
 
-def density_against_mass(known: Known) -> list[Finding]:
+def density_against_mass(known: KnownStrip) -> list[Finding]:
     """``density-against-mass``: the thickness that mass, density and area need is not the model's.
 
     The hydrated mass counts where it is known, since a strip works wet; else the dry one. Stated as a thickness,

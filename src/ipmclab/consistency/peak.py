@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 
 from ipmclab.consistency.facts import Fact
-from ipmclab.consistency.known import Known, Values
+from ipmclab.consistency.known import KnownStrip, Values
 from ipmclab.measurement.amount import SURE, Amount, apart, conflict, how_sure
 from ipmclab.run import Finding
 from ipmclab.units import CURRENT
@@ -14,7 +14,7 @@ from ipmclab.units import CURRENT
 CODE = "peak-above-series-resistance"
 
 
-def peak_above_series_resistance(known: Known, facts: Sequence[Fact]) -> list[Finding]:
+def peak_above_series_resistance(known: KnownStrip, facts: Sequence[Fact]) -> list[Finding]:
     """``peak-above-series-resistance``: a current that not even a short circuit behind the electrodes would draw.
 
     Of a lumped electrode the bound is V/(2 R_e + R_contact); where the electrode is a line or the clamped section is

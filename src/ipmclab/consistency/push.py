@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.consistency.facts import Fact, label_of
-from ipmclab.consistency.known import Known
+from ipmclab.consistency.known import KnownStrip
 from ipmclab.consistency.stiffness import NAMES, stiffness
 from ipmclab.errors import InputError
 from ipmclab.measurement.amount import SURE, Amount, apart, conflict, how_sure
@@ -140,7 +140,7 @@ def _explained(x: FloatArray, f: FloatArray) -> float:
     return float(np.corrcoef(x, f)[0, 1] ** 2) if float(np.ptp(f)) > 0.0 else 0.0
 
 
-def push_against_stiffness(known: Known, facts: Sequence[Fact]) -> list[Finding]:
+def push_against_stiffness(known: KnownStrip, facts: Sequence[Fact]) -> list[Finding]:
     """``push-against-stiffness``: the slope of a force-displacement push at L_s is not Y w h^3/(4 L_s^3)."""
     measured = [fact for fact in facts if fact.metric == "stiffness"]
     if not measured:

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from ipmclab.consistency.facts import READ_BY, READ_UNTIL, Fact, with_zero_first, zero_told
-from ipmclab.consistency.known import Known
+from ipmclab.consistency.known import KnownStrip
 from ipmclab.consistency.predicted import predicted
 from ipmclab.measurement.amount import SURE, Amount, beyond, conflict, how_sure
 from ipmclab.run import Finding
@@ -19,7 +19,7 @@ MODEL: float = 0.05
 """Relative standard uncertainty of the model's ratio beside that of its stated parameters: when a peak was read."""
 
 
-def sine_against_step(known: Known, facts: Sequence[Fact]) -> list[Finding]:
+def sine_against_step(known: KnownStrip, facts: Sequence[Fact]) -> list[Finding]:
     """``sine-against-step``: the amplitude under a sine over the peak of a step of the same voltage is not the model's.
 
     The ratio is free of every gain, so it is decided by the modes alone; one slow mode would make it
@@ -42,7 +42,7 @@ def sine_against_step(known: Known, facts: Sequence[Fact]) -> list[Finding]:
     return found
 
 
-def _compare(known: Known, sine: Fact, step: Fact) -> Finding | None:
+def _compare(known: KnownStrip, sine: Fact, step: Fact) -> Finding | None:
     value = sine.value / step.value
     relative = math.hypot(sine.uncertainty / sine.value, step.uncertainty / step.value)
     measured = Amount(value, relative * value, "")
@@ -78,12 +78,12 @@ def _compare(known: Known, sine: Fact, step: Fact) -> Finding | None:
     )
 
 
-def _expected(known: Known, sine: Fact, step: Fact) -> Amount:
+def _expected(known: KnownStrip, sine: Fact, step: Fact) -> Amount:
     model = predicted(known.actuator, sine) / predicted(known.actuator, step)
     return Amount(model, math.hypot(MODEL, _of_parameters(known, sine, step, model)) * model, "")
 
 
-def _of_parameters(known: Known, sine: Fact, step: Fact, model: float) -> float:
+def _of_parameters(known: KnownStrip, sine: Fact, step: Fact, model: float) -> float:
     """Relative uncertainty of the ratio from parameters with an uncertainty of their own."""
     total = 0.0
     for name in known.values:
@@ -100,7 +100,7 @@ def _of_parameters(known: Known, sine: Fact, step: Fact, model: float) -> float:
     return math.sqrt(total)
 
 
-def _modes(known: Known) -> str:
+def _modes(known: KnownStrip) -> str:
     """Time constants [s] longer than a twentieth of a second."""
     poles = np.linalg.eigvals(np.asarray(known.actuator.system.a, dtype=np.complex128))
     slow = sorted({float(f"{-1.0 / pole.real:.2g}") for pole in poles if pole.real < 0.0 and -1.0 / pole.real > 0.05})

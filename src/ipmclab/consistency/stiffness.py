@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ipmclab.consistency.facts import Fact, with_zero_first, zero_told
-from ipmclab.consistency.known import Known, Values
+from ipmclab.consistency.known import KnownStrip, Values
 from ipmclab.consistency.predicted import predicted
 from ipmclab.measurement.amount import SURE, Amount, apart, conflict, how_sure
 from ipmclab.model import Actuator
@@ -69,7 +69,7 @@ class Motion:
         return ("step", "sine", "square").index(self.force.waveform)
 
 
-def motions_of(known: Known, facts: Sequence[Fact]) -> list[Motion]:
+def motions_of(known: KnownStrip, facts: Sequence[Fact]) -> list[Motion]:
     """Every force with a displacement under the same voltage; without those of which only a bound was read."""
     forces = [fact for fact in facts if fact.metric == "max_force"]
     motions = [fact for fact in facts if fact.metric == "max_displacement"]
@@ -101,7 +101,7 @@ def _ratio(actuator: Actuator, force: Fact, motion: Fact) -> float:
     return predicted(actuator, force) / predicted(actuator, motion)
 
 
-def motion_against_stiffness(known: Known, motions: Sequence[Motion]) -> list[Finding]:
+def motion_against_stiffness(known: KnownStrip, motions: Sequence[Motion]) -> list[Finding]:
     """``motion-against-stiffness``: blocked force over free displacement under one voltage is not the model's.
 
     In the base model that ratio is the stiffness at the sensing point for every signal; with slow modes it is read from

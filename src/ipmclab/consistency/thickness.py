@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ipmclab.consistency.known import Known
+from ipmclab.consistency.known import KnownStrip
 from ipmclab.consistency.polymers import PLATINUM, membrane_of
 from ipmclab.measurement.amount import SURE, Amount, beyond, conflict, how_sure
 from ipmclab.run import Finding
@@ -17,7 +17,7 @@ _POROUS = 2.0
 """Thickness of a plated layer over that of the same metal when dense."""
 
 
-def thickness_against_membrane(known: Known) -> list[Finding]:
+def thickness_against_membrane(known: KnownStrip) -> list[Finding]:
     """``thickness-against-membrane``: thinner than the dry membrane, or thicker than the soaked and plated one."""
     sample = known.sample
     if sample is None:

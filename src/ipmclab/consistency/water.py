@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from ipmclab.consistency.known import Known, area_of
+from ipmclab.consistency.known import KnownStrip, area_of
 from ipmclab.consistency.polymers import EQUIVALENT_WEIGHT, WATER, membrane_of
 from ipmclab.measurement.amount import SURE, Amount, beyond, conflict, how_sure
 from ipmclab.run import Finding
@@ -12,7 +12,7 @@ from ipmclab.run import Finding
 CODE = "water-uptake"
 
 
-def water_uptake(known: Known) -> list[Finding]:
+def water_uptake(known: KnownStrip) -> list[Finding]:
     """``water-uptake``: less or more water by mass of polymer than the membrane takes up in water.
 
     The mass of polymer is known twice, from basis weight and area and from the dry mass less the plating; there is a

@@ -44,7 +44,7 @@ def problem_of(whole: Problem, records: Sequence[PreparedRun]) -> tuple[Problem,
 
 
 @dataclass(frozen=True, eq=False)
-class Others:
+class OtherRuns:
     """What the other runs say.
 
     Parameters
@@ -102,7 +102,9 @@ class _Held:
         return Evaluation(here.rows[[*self._moved, -1]], here.beforehand)
 
 
-def found_on_itself(whole: Problem, theta: FloatArray, theirs: Others, kept: list[int], record: PreparedRun) -> Itself:
+def found_on_itself(
+    whole: Problem, theta: FloatArray, theirs: OtherRuns, kept: list[int], record: PreparedRun
+) -> Itself:
     problem, columns = problem_of(whole, [record])
     place_in_others = {column: place for place, column in enumerate(kept)}
     moved = [place for place, column in enumerate(columns) if column not in place_in_others]
@@ -139,7 +141,7 @@ class PredictedRun:
     reach: Mapping[str, FloatArray]
 
 
-def predicted_by(theirs: Others, record: PreparedRun, itself: Itself | None) -> PredictedRun:
+def predicted_by(theirs: OtherRuns, record: PreparedRun, itself: Itself | None) -> PredictedRun:
     """The prediction of a run; without what was found on itself, its own parameters are the mean of the others'."""
 
     strip = _strip(theirs, record, itself)
@@ -153,7 +155,7 @@ def predicted_by(theirs: Others, record: PreparedRun, itself: Itself | None) -> 
     )
 
 
-def _strip(theirs: Others, record: PreparedRun, itself: Itself | None) -> Actuator:
+def _strip(theirs: OtherRuns, record: PreparedRun, itself: Itself | None) -> Actuator:
     """The actuator as the other runs have it, before it aged."""
     others, order = theirs.problem, theirs.order
     each = [others.in_reference(theirs.theta, other.place) for other in others.records]
@@ -168,7 +170,7 @@ def _strip(theirs: Others, record: PreparedRun, itself: Itself | None) -> Actuat
     return replace(theirs.fit.actuator.replace(**changes), fit_table=None)
 
 
-def _rates(theirs: Others) -> dict[str, float]:
+def _rates(theirs: OtherRuns) -> dict[str, float]:
     """How fast parameters age, as the other runs have it."""
     return {
         theirs.order(unknown.name): unknown.value(float(theirs.theta[place]))
@@ -185,7 +187,7 @@ def _aged(strip: Actuator, rates: Mapping[str, float], state: RunState | None) -
 
 
 def _reach(
-    theirs: Others,
+    theirs: OtherRuns,
     strip: Actuator,
     record: PreparedRun,
     itself: Itself | None,

@@ -26,7 +26,7 @@ from ipmclab.measurement.random_effect import FEWEST
 from ipmclab.one_thread import on_one_thread
 from ipmclab.prediction.by_others import (
     EVALUATIONS,
-    Others,
+    OtherRuns,
     found_on_itself,
     is_of_strip,
     predicted_by,
@@ -138,7 +138,7 @@ def _without(fit: Fit, result: Estimate, record: PreparedRun, label: str) -> Lef
     )
     if np.isinf(errors[shared][np.isfinite(were[shared])]).any():
         return told  # along what they do not show at all the others would stand where this run put them
-    theirs = Others(fit, others, solution.theta, covariance, order)
+    theirs = OtherRuns(fit, others, solution.theta, covariance, order)
     try:
         itself = found_on_itself(whole, theta, theirs, kept, record) if own else None
         judged = predicted_by(theirs, record, itself)
