@@ -6,7 +6,7 @@ The answer stands first. What follows can be interrupted, and is asked for where
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Final
+from typing import Final, Required, TypedDict, Unpack
 
 from ipmclab.fit.fit import Fit
 from ipmclab.fit.fit_table import with_findings
@@ -21,17 +21,23 @@ LONG: Final = 10_000
 """Rows of all runs together from which profiles, and fits without each run, are costly."""
 
 
+class Asked(TypedDict, total=False):
+    """What ``identify`` takes beside an actuator and its runs."""
+
+    free: Required[Sequence[str]]
+    per_run: Sequence[str]
+    per_mounting: Sequence[str]
+    prior: Sequence[str]
+    labels: Sequence[str] | None
+
+
 def fit_of_runs(
     actuator: Actuator,
     runs: Sequence[Run],
     *,
-    free: Sequence[str],
-    per_run: Sequence[str] = (),
-    per_mounting: Sequence[str] = (),
-    prior: Sequence[str] = (),
-    labels: Sequence[str] | None = None,
     thorough: bool = True,
     progress: Tell | None = None,
+    **asked: Unpack[Asked],
 ) -> Fit:
     """Identify, follow the profile of every parameter, and leave out each run where there are several.
 
@@ -39,12 +45,12 @@ def fit_of_runs(
     ----------
     actuator : Actuator
     runs : sequence of Run
-    free, per_run, per_mounting, prior, labels
-        As ``identify`` takes them.
     thorough : bool
         Follow profiles and leave runs out even where that is costly: with a leak, whose law bends, or 10,000 rows.
     progress : function of (str, float), optional
         Called with a sentence and the fraction that is done.
+    **asked
+        ``free``, ``per_run``, ``per_mounting``, ``prior`` and ``labels``, as ``identify`` takes them.
 
     Returns
     -------
@@ -67,9 +73,7 @@ def fit_of_runs(
     """
     with telling(progress):
         with part("", 0.0, 0.8):
-            fit = identify(
-                actuator, runs, free=free, per_run=per_run, per_mounting=per_mounting, prior=prior, labels=labels
-            )
+            fit = identify(actuator, runs, **asked)
         if not thorough and _is_costly(actuator, runs):
             return with_findings(fit, [_not_followed("because each run of the model takes long")])
         with part("", 0.8, 0.9):
