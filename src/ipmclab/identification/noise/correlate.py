@@ -198,6 +198,12 @@ class Correlated:
         own = (turned * sized)[inside]
         return np.asarray(self._noise_of(own, key) + moved.T @ moved + beyond.T @ beyond)
 
+    def spread_of_all(self, columns: FloatArray) -> FloatArray:
+        """The same for the noise of all rows of an evaluation, and what was known beforehand."""
+        beyond = columns[self.problem.beforehand]
+        parts = (self.spread(columns[piece], key) for key, piece in self.problem.pieces.items())
+        return np.asarray(sum(parts) + beyond.T @ beyond)
+
     def _noise_of(self, columns: FloatArray, key: Key) -> FloatArray:
         """``columns' V columns`` of the measured rows of an output of a run."""
         shape = self.shapes.get(key)
@@ -220,9 +226,7 @@ class Correlated:
         power = float(change @ change)
         if power <= 0.0 or not self.shapes or self.is_weighted:
             return 1.0
-        parts = [self.spread(change[piece][:, None], key)[0, 0] for key, piece in self.problem.pieces.items()]
-        beyond = change[self.problem.beforehand]
-        return max(float((sum(parts) + beyond @ beyond) / power), 1.0)
+        return max(float(self.spread_of_all(change[:, None])[0, 0] / power), 1.0)
 
     def drawn(self, generator: np.random.Generator) -> FloatArray:
         """A draw of the noise in the residuals of the problem; zeros and slopes, which no parameter follows, aside."""

@@ -69,12 +69,11 @@ def degrees_of_freedom(under: Correlated, own: FloatArray, plain: FloatArray) ->
     """
     turned = own @ plain
 
-    def of_piece(key: Key, shape: Shape | None = None) -> FloatArray:
-        noisy = under if shape is None else replace(under, shapes={**under.shapes, key: shape})
+    def of_piece(key: Key, shape: Shape) -> FloatArray:
+        noisy = replace(under, shapes={**under.shapes, key: shape})
         return np.asarray(noisy.spread(turned[under.problem.pieces[key]], key).diagonal())
 
-    beyond = turned[under.problem.beforehand]
-    total = np.asarray(sum(of_piece(key) for key in under.problem.pieces)) + np.sum(beyond * beyond, axis=0)
+    total = under.spread_of_all(turned).diagonal()
     unsure = np.zeros(len(total))
     for covariance, changed in _Noises(under).derivatives(of_piece):
         unsure += np.einsum("ij,ik,kj->j", changed, covariance, changed)

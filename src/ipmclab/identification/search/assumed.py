@@ -8,13 +8,12 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.identification.noise.correlate import Correlated
-from ipmclab.identification.noise.under_noise import could_be_zero
 from ipmclab.identification.problem.free import FreeParameters
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.problem.record import ASSUMED_REST, PreparedRun
 from ipmclab.identification.problem.unknowns import Unknown
 from ipmclab.identification.search.descent import minimum_beside, weigh
+from ipmclab.identification.search.rest import could_be_zero
 from ipmclab.identification.search.solve import Solution
 from ipmclab.run import Finding
 
@@ -48,8 +47,7 @@ def without_idle(problem: Problem, solution: Solution, names: FreeParameters) ->
         if unknown.place is None or not (offset or (unknown.is_start and unknown.place in unsure)):
             continue
         groups.setdefault((unknown.place, unknown.base if offset else "start"), []).append(column)
-    white = Correlated(problem, solution, solution.evaluation)
-    idle = {key: columns for key, columns in groups.items() if could_be_zero(white, columns)}
+    idle = {key: columns for key, columns in groups.items() if could_be_zero(solution, columns)}
     if not idle:
         return problem, solution
     resting = {place for place, what in idle if what == "start"}

@@ -1,7 +1,8 @@
-"""Whether a run began at rest: asked of the readings themselves."""
+"""Whether a run began at rest, and whether a sensor's zero is at zero: asked of the readings themselves."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from typing import Final
 
 import numpy as np
@@ -55,3 +56,32 @@ def _explains(columns: FloatArray, basis: FloatArray, residual: FloatArray, unkn
     explained = float(np.sum((vectors.T @ residual) ** 2))
     remaining = max(float(residual @ residual) - explained, 1e-300)
     return bool(fdtrc(added, freedom, explained / added / (remaining / freedom)) < REJECT)
+
+
+def _as_white(columns: FloatArray) -> FloatArray:
+    return columns.T @ columns
+
+
+def could_be_zero(
+    solution: Solution, columns: Sequence[int], spread: Callable[[FloatArray], FloatArray] = _as_white
+) -> bool:
+    """Whether some linear unknowns differ from zero by no more than the noise makes them (Wald's test, 0.1 %).
+
+    Parameters
+    ----------
+    solution : Solution
+    columns : sequence of int
+        Their entries.
+    spread : function of float array, shape (n_rows, n)
+        ``columns' V columns`` for noise of covariance V; that of white noise where it is left out.
+    """
+    from scipy.special import chdtrc
+
+    theta, jacobian = solution.theta[list(columns)], solution.evaluation.jacobian
+    own, others = jacobian[:, columns], np.delete(jacobian, columns, axis=1)
+    if others.shape[1]:
+        own = own - others @ np.linalg.lstsq(others, own, rcond=1e-12)[0]
+    # The score of zero, beside its covariance: no inverse of what the readings hardly see.
+    score = own.T @ (own @ theta)
+    statistic = float(score @ np.linalg.lstsq(spread(own), score, rcond=1e-10)[0])
+    return bool(chdtrc(len(columns), statistic) > REJECT)
