@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import subprocess
 import sys
@@ -31,8 +32,11 @@ def chromium(require: Callable[[str, object], None]) -> Iterator[object]:
 
     program = shutil.which("chromium-headless-shell") or shutil.which("chromium")
     require("chromium", program)
+    language = {**os.environ, "LC_ALL": "en_US.UTF-8"}  # that of the pages: "C" is none
     with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=program, args=["--no-sandbox", "--disable-gpu"])
+        browser = playwright.chromium.launch(
+            executable_path=program, args=["--no-sandbox", "--disable-gpu"], env=language
+        )
         yield browser
         browser.close()
 
@@ -50,11 +54,8 @@ def opening(chromium) -> Iterator[Callable[..., object]]:
 
     def new(address: str, *, theme: str = "light", width: int = 1280, height: int = 720, agent: str | None = None):
         viewport = {"width": width, "height": height}
-        # axe is put into the page by the test, which its policy would refuse. A browser without a window takes its
-        # language from the machine's locale, and "C" is none.
-        context = chromium.new_context(
-            viewport=viewport, color_scheme=theme, bypass_csp=True, user_agent=agent, locale="en-US"
-        )
+        # axe is put into the page by the test, which its policy would refuse.
+        context = chromium.new_context(viewport=viewport, color_scheme=theme, bypass_csp=True, user_agent=agent)
         context.set_default_timeout(LONG)
         contexts.append(context)
         page = context.new_page()
