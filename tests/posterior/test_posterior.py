@@ -229,15 +229,16 @@ def test_residuals_that_no_noise_describes_are_told(fit: Fit) -> None:
 
 
 def in_mountings(*leaks: float) -> list[Run]:
-    """Runs of one strip whose leak the clamp changes."""
+    """Runs of one strip whose leak the clamp changes: one period each, as a filter goes through their rows."""
     generator = np.random.default_rng(20261121)
     noise = 1e-3
+    time, voltage = TIME[: len(TIME) // 2], VOLTAGE[: len(TIME) // 2]
     runs = []
     for name, leak in zip("abc", leaks, strict=False):
         strip = FRIEND_2.changed(dc_resistance=leak * FRIEND_2.thickness / (FRIEND_2.total_length * FRIEND_2.width))
-        clean = noisy_current(strip, VOLTAGE, RATE, noise, generator)
+        clean = noisy_current(strip, voltage, RATE, noise, generator)
         about = RunMetadata(mounting_id=name, starts_from_rest=True)
-        runs.append(Run.from_arrays(time=TIME, voltage=VOLTAGE, current=clean, hold="zero", metadata=about))
+        runs.append(Run.from_arrays(time=time, voltage=voltage, current=clean, hold="zero", metadata=about))
     return runs
 
 

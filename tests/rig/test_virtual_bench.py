@@ -91,7 +91,9 @@ def test_the_shunt_takes_its_share(strip: Actuator, resistance: float) -> None:
 def test_noise_is_that_of_the_data_sheets(strip: Actuator) -> None:
     # At 0 V nothing but noise is left; the converter's rounding adds step / sqrt(12).
     rest = {
-        name: record(VirtualBench(strip), "step 0 V", duration=400.0, rate=50.0, measured=["current", name])
+        name: record(
+            VirtualBench(strip), "step 0 V", duration=20.0, rate=1e3, zero_time=0.5, measured=["current", name]
+        )
         for name in ("force", "displacement")
     }
     stated = {

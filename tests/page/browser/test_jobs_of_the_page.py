@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from ipmclab import load_actuator, read_fit, read_run, simulate, write_actuator, write_run
-from tests.page.browser.conftest import LONG, serious, served
+from tests.page.browser.conftest import BARE, LONG, serious, served
 
 pytest.importorskip("playwright")
 
@@ -77,8 +77,7 @@ def test_runs_are_found_looked_at_compared_and_taken_along(address: str, open_pa
 
 
 def test_a_saved_figure_tells_curves_with_long_names_apart(address: str, open_page) -> None:
-    page = open_page(f"{address}/runs")
-    page.get_by_text("3 of 3 runs").wait_for()
+    page = open_page(f"{address}/{BARE}")
     page.evaluate(COMPARE_LONG)
     with page.expect_download() as saved:
         page.get_by_role("button", name="Save the figure as it is shown: strip-1").click()
@@ -276,7 +275,7 @@ COMPARE_LONG = """() => {
   const styles = ["line", "dashed", "points"];
   const names = [0, 1, 2, 3, 4, 5].map(long);
   const series = names.map((label, k) => ({ key: label, label, colour: k, style: styles[k % 3] }));
-  const host = document.querySelector(".lab-card").appendChild(document.createElement("div"));
+  const host = document.querySelector("#app").appendChild(document.createElement("div"));
   const panels = ["voltage", "current"].map((key) => ({ key, label: key, unit: "V", factor: 1, series }));
   const bands = [{ begin: 2, end: 3, label: "odd", severity: "warning", channel: "current" }];
   const stack = new LabPlot.Stack(host, { name: names.join(" and "), panels, bands });

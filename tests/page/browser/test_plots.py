@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from tests.page.browser.conftest import LONG, served
+from tests.page.browser.conftest import BARE, LONG, served
 
 pytest.importorskip("playwright")
 
@@ -19,8 +19,7 @@ def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
 
 @pytest.mark.parametrize("wide", ["force", "current"])
 def test_a_curve_stays_at_its_time_where_another_panel_needs_more_room(address: str, open_page, wide: str) -> None:
-    page = open_page(f"{address}/simulate")
-    page.locator("[data-answers]").wait_for(timeout=LONG)
+    page = open_page(f"{address}/{BARE}")
     for panel in page.evaluate(EDGES, wide):
         assert panel["left"] > 60, "the numbers of one panel need more than the least room"
         assert panel["drawn"] == pytest.approx(panel["due"], abs=2), panel["key"]
@@ -28,8 +27,7 @@ def test_a_curve_stays_at_its_time_where_another_panel_needs_more_room(address: 
 
 @pytest.mark.parametrize("source", [False, True])
 def test_keys_zoom_around_the_cursor_and_never_out_of_the_curves(address: str, open_page, source: bool) -> None:
-    page = open_page(f"{address}/simulate")
-    page.locator("[data-answers]").wait_for(timeout=LONG)
+    page = open_page(f"{address}/{BARE}")
     page.evaluate(KEYED, source)
     panels = page.get_by_role("img", name="keyed: current")
     panels.focus()
@@ -65,8 +63,7 @@ def test_keys_zoom_around_the_cursor_and_never_out_of_the_curves(address: str, o
 
 def test_what_was_fetched_while_it_was_hidden_is_fetched_anew_when_it_is_shown(address: str, open_page) -> None:
     """Else its curve is a polygon: a hidden plot has no width, and asks for the fewest points."""
-    page = open_page(f"{address}/simulate")
-    page.locator("[data-answers]").wait_for(timeout=LONG)
+    page = open_page(f"{address}/{BARE}")
     page.evaluate(HIDDEN)
     page.wait_for_function("asked.length === 1", timeout=LONG)
     page.evaluate("hiddenHost.hidden = false")
@@ -77,7 +74,7 @@ def test_what_was_fetched_while_it_was_hidden_is_fetched_anew_when_it_is_shown(a
 
 
 HIDDEN = """() => {
-  window.hiddenHost = document.querySelector(".lab-content").appendChild(document.createElement("section"));
+  window.hiddenHost = document.querySelector("#app").appendChild(document.createElement("section"));
   hiddenHost.hidden = true;
   const series = [{ key: "one", label: "one", colour: 0 }];
   const panels = [{ key: "voltage", label: "voltage", unit: "V", factor: 1, series }];
@@ -92,7 +89,7 @@ HIDDEN = """() => {
 }"""
 
 KEYED = """(source) => {
-  const host = document.querySelector(".lab-content").appendChild(document.createElement("section"));
+  const host = document.querySelector("#app").appendChild(document.createElement("section"));
   const series = [{ key: "one", label: "one", colour: 0 }];
   const panels = [{ key: "current", label: "current", unit: "mA", factor: 1, series }];
   const time = Float64Array.from({ length: 1001 }, (_, k) => 2 + k / 100);
@@ -123,7 +120,7 @@ WHERE = """() => {
 """What is shown, and where its cursor is."""
 
 EDGES = """async (wide) => {
-  const host = document.querySelector(".lab-card").appendChild(document.createElement("div"));
+  const host = document.querySelector("#app").appendChild(document.createElement("div"));
   const series = [{ key: "one", label: "one", colour: 0 }];
   const panels = ["force", "current"].map((key) => ({ key, label: key, unit: "mN", factor: 1, series }));
   const stack = new LabPlot.Stack(host, { name: "edges", panels });

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from ipmclab import Sample, load_actuator, simulate, write_run
-from tests.page.browser.conftest import LONG, serious, served
+from tests.page.browser.conftest import BARE, LONG, serious, served
 
 pytest.importorskip("playwright")
 
@@ -126,8 +126,7 @@ def test_long_names_of_samples_leave_room_for_all_else(of_long_names: str, open_
 
 @pytest.mark.parametrize("largest", [12345678.0, 1e9, 1.0, 2.5e-7])
 def test_the_numbers_beside_a_plot_are_whole_and_where_they_say(address: str, open_page, largest: float) -> None:
-    page = open_page(f"{address}/simulate")
-    page.locator("[data-answers]").wait_for(timeout=LONG)
+    page = open_page(f"{address}/{BARE}")
     drawn = page.evaluate(NUMBERS_BESIDE, largest)
     assert drawn["left"][0] == drawn["left"][1]  # the panels share their x
     for panel in drawn["panels"]:
@@ -144,8 +143,7 @@ def test_the_numbers_beside_a_plot_are_whole_and_where_they_say(address: str, op
 def test_the_numbers_of_a_saved_figure_are_whole_and_where_they_say(
     address: str, open_page, middle: float, swing: float
 ) -> None:
-    page = open_page(f"{address}/simulate")
-    page.locator("[data-answers]").wait_for(timeout=LONG)
+    page = open_page(f"{address}/{BARE}")
     page.evaluate(WIDE_FIGURE, [middle, swing])
     with page.expect_download() as saved:
         page.get_by_role("button", name="Save the figure as it is shown: wide").click()
@@ -174,7 +172,7 @@ IS_IN_SIGHT = """(box) => {
 }"""
 
 WIDE_FIGURE = """([middle, swing]) => {
-  const host = document.querySelector(".lab-card").appendChild(document.createElement("div"));
+  const host = document.querySelector("#app").appendChild(document.createElement("div"));
   const series = [{ key: "one", label: "one", colour: 0 }];
   const panels = ["force", "current"].map((key) => ({ key, label: key, unit: "mN", factor: 1, series }));
   const stack = new LabPlot.Stack(host, { name: "wide", panels });
@@ -204,7 +202,7 @@ NUMBERS_OF_FIGURE = """() => {
 """Of a figure its numbers, and where the names of its panels end."""
 
 NUMBERS_BESIDE = """async (largest) => {
-  const host = document.querySelector(".lab-card").appendChild(document.createElement("div"));
+  const host = document.querySelector("#app").appendChild(document.createElement("div"));
   const series = [{ key: "one", label: "one", colour: 0 }];
   const panels = ["force", "current"].map((key) => ({ key, label: key, unit: "mN", factor: 1, series }));
   const stack = new LabPlot.Stack(host, { name: "large", panels });
