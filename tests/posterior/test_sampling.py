@@ -18,9 +18,9 @@ MIDDLE = np.array([1.0, -2.0, 30.0])
 SCATTER = np.array([[1.0, 0.9, 0.0], [0.9, 1.0, 0.2], [0.0, 0.2, 9.0]])
 
 
-def normal(vector: Array) -> float:
-    away = np.linalg.solve(np.linalg.cholesky(SCATTER), vector - MIDDLE)
-    return -0.5 * float(away @ away)
+def normal(vectors: Array) -> Array:
+    away = np.linalg.solve(np.linalg.cholesky(SCATTER), (vectors - MIDDLE).T)
+    return np.asarray(-0.5 * (away * away).sum(axis=0))
 
 
 def test_a_normal_density_is_found_from_a_bad_guess_of_it() -> None:
@@ -51,10 +51,12 @@ def test_chains_that_do_not_agree_are_told() -> None:
     They are enough for what is as long and as thin without its bend.
     """
 
-    def density(bend: float) -> Callable[[Array], float]:
-        return lambda vector: (
-            -0.5 * float((vector[0] / 30.0) ** 2 + ((vector[1] - bend * (vector[0] ** 2 - 900.0)) / 0.1) ** 2)
-        )
+    def density(bend: float) -> Callable[[Array], Array]:
+        def of(vectors: Array) -> Array:
+            along, across = vectors.T
+            return -0.5 * ((along / 30.0) ** 2 + ((across - bend * (along**2 - 900.0)) / 0.1) ** 2)
+
+        return of
 
     straight = Straight(np.array([0.0, 0.0]), np.diag([1.0, 1.0]))
     level = sample(density(0.0), straight, ["along", "across"], seed=20261121, steps=600).judgement

@@ -202,7 +202,7 @@ def _sampled(name: str, entry: Unknown, values: FloatArray, errors: FloatArray, 
         return np.where(logarithms == entries[:, 0], likelihood + beforehand, -np.inf)
 
     start = Straight(np.array([math.log(scale / WIDE)]), np.array([[0.5]]))
-    chains = sample(density, start, [name], seed=seed, steps=STEPS, at_once=True)
+    chains = sample(density, start, [name], seed=seed, steps=STEPS)
     if not chains.judgement.agrees:
         raise IpmclabError(
             f"the chains do not agree after {STEPS} steps: {'; '.join(chains.judgement.complaints)}",

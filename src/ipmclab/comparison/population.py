@@ -315,7 +315,7 @@ def _walk(model: MetricModel, sums: _Sums, seed: int, steps: int) -> tuple[Chain
 
     variances = [max(model.fit.variances[name], (0.1 * scale) ** 2) for name in names]
     middle = 0.5 * np.log(variances)
-    chains = sample(density, Straight(middle, 0.5 * np.eye(len(names))), names, seed=seed, steps=steps, at_once=True)
+    chains = sample(density, Straight(middle, 0.5 * np.eye(len(names))), names, seed=seed, steps=steps)
     if not chains.judgement.agrees:
         raise IpmclabError(
             f"the chains do not agree after {steps} steps: {'; '.join(chains.judgement.complaints)}",

@@ -7,7 +7,6 @@ So the floor of the valley is followed to where it rises or meets a bound, and t
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Final
 
@@ -39,9 +38,9 @@ class Straight:
     middle: FloatArray
     root: FloatArray
 
-    def __call__(self, point: FloatArray) -> tuple[FloatArray, float]:
-        """The vector as it is."""
-        return point, 0.0
+    def __call__(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """The vectors as they are."""
+        return points, np.zeros(len(points))
 
 
 class Valley:
@@ -77,19 +76,20 @@ class Valley:
         spread = min(self._ends[1] - self._ends[0], 2.0 * WIDEST) / 4.0
         self.root = np.diag([spread, *np.ones(count - 1), *np.full(len(rest), width)])
 
-    def __call__(self, point: FloatArray) -> tuple[FloatArray, float]:
-        """The vector, and the logarithm of the determinant of its derivatives."""
+    def __call__(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """The vectors, and the logarithm of the determinant of their derivatives; shapes (n, n_entry) and (n,)."""
         count = self._shape[0]
-        length, away = float(point[0]), point[1:count]
-        if not self._ends[0] < length < self._ends[1]:
-            return point, -math.inf
-        here, slope = self._path(length), self._slope(length)
-        across = here[count:].reshape(self._shape)
-        along = slope[:count] + slope[count:].reshape(self._shape) @ away
-        sign, logarithm = np.linalg.slogdet(np.column_stack([along, across]))
-        vector = np.concatenate([here[:count] + across @ away, point[count:]])
+        vectors, logarithms = points.copy(), np.full(len(points), -np.inf)
+        inside = np.flatnonzero((self._ends[0] < points[:, 0]) & (points[:, 0] < self._ends[1]))
+        lengths, away = points[inside, 0], points[inside, 1:count, None]
+        here, slope = (of(lengths)[..., None] for of in (self._path, self._slope))
+        across, turning = (of[:, count:].reshape(-1, *self._shape) for of in (here, slope))
+        along = slope[:, :count] + turning @ away
+        signs, sizes = np.linalg.slogdet(np.concatenate([along, across], axis=2))
+        vectors[inside, :count] = (here[:, :count] + across @ away)[..., 0]
         # Where neighbouring cross sections meet, the valley is wider than its bend.
-        return vector, float(logarithm) if sign == self._sign else -math.inf
+        logarithms[inside] = np.where(signs == self._sign, sizes, -np.inf)
+        return vectors, logarithms
 
 
 Coordinates = Straight | Valley

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -13,6 +12,7 @@ import numpy.typing as npt
 
 from ipmclab.identification.noise.pieces import Key
 from ipmclab.identification.noise.whitening import CorrelatedProblem
+from ipmclab.identification.problem.many import in_reference, residuals
 from ipmclab.identification.problem.order import Order
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.problem.unknowns import Unknown, actuator_unknown, known_together
@@ -29,7 +29,6 @@ AT_FLOOR: Final = 1.01
 
 _MATTERS: Final = 0.1  # of what noise moves all readings together: a fixed value that moves them less is taken as exact
 _NOISE_WIDTH: Final = 0.2  # the same of the numbers that shape the noise
-_SECOND: Final = re.compile(r"\.1\.")
 _RECTANGLE: Final = 3.0**0.5
 
 
@@ -57,37 +56,43 @@ class _Noise:
     inside: npt.NDArray[np.bool_]
     known: bool
 
-    def log_density(self, residual: FloatArray, entries: FloatArray) -> float:
-        measured = residual[self.inside]
-        beyond = residual[~self.inside]
-        found: float = -0.5 * float(beyond @ beyond)
+    def log_densities(self, residuals: FloatArray, entries: FloatArray) -> FloatArray:
+        """Of residuals of shape (n, n_readings) under shapes of shape (n, n_shapes); shape (n,)."""
+        if self.inside.all():
+            measured, found = residuals, np.zeros(len(residuals))
+        else:
+            measured, found = residuals[:, self.inside], -0.5 * _squares(residuals[:, ~self.inside])
         if self.known:
-            return found - 0.5 * float(measured @ measured)
-        logarithm: float = 0.0
-        constants_ = self.held.shape[1]
-        if self.terms.shapes or constants_:
-            columns = np.column_stack([self.held, measured])
-            white, logarithm = whitened(state_space(self.terms, entries), columns, self.steps)
-            measured = white[:, -1]
-            if constants_:
-                basis, triangle = np.linalg.qr(white[:, :-1])
-                measured = measured - basis @ (basis.T @ measured)
-                logarithm += 2.0 * float(np.log(np.abs(triangle.diagonal())).sum())
-        power = float(measured @ measured)
-        if not (math.isfinite(power) and power > 0.0 and math.isfinite(logarithm)):
-            return -math.inf
+            return found - 0.5 * _squares(measured)
+        logarithms = np.zeros(len(residuals))
+        if self.terms.shapes or self.held.shape[1]:
+            each = [self._whitened(*one) for one in zip(measured, entries, strict=True)]
+            measured, logarithms = np.array([white for white, _ in each]), np.array([one for _, one in each])
+        powers = _squares(measured)
+        fine = np.isfinite(powers) & (powers > 0.0) & np.isfinite(logarithms)
         # Every logarithm of the scale, every offset and every trend is as likely as another beforehand.
-        found -= 0.5 * (logarithm + (len(measured) - constants_) * math.log(power))
+        count = measured.shape[1] - self.held.shape[1]
+        found -= 0.5 * (logarithms + count * np.log(np.where(fine, powers, 1.0)))
         # Every partial autocorrelation in (-1, 1) is, and every size of a walk or of white noise.
         order = self.terms.order
-        of_shape = entries[order:].sum() - 2.0 * np.log(np.cosh(entries[:order])).sum()
-        return float(found + of_shape)
+        found += entries[:, order:].sum(axis=1) - 2.0 * np.log(np.cosh(entries[:, :order])).sum(axis=1)
+        return np.where(fine, found, -np.inf)
+
+    def _whitened(self, measured: FloatArray, entries: FloatArray) -> tuple[FloatArray, float]:
+        """Residuals whitened, offset and trend taken out, and the logarithm of the determinant that goes with it."""
+        columns = np.column_stack([self.held, measured])
+        white, logarithm = whitened(state_space(self.terms, entries), columns, self.steps)
+        if not self.held.shape[1]:
+            return white[:, -1], logarithm
+        basis, triangle = np.linalg.qr(white[:, :-1])
+        left = white[:, -1] - basis @ (basis.T @ white[:, -1])
+        return left, logarithm + 2.0 * float(np.log(np.abs(triangle.diagonal())).sum())
 
 
 class Density:
-    """The logarithm of the posterior density, up to a constant, over one vector.
+    """The logarithm of the posterior density, up to a constant, over vectors.
 
-    The vector holds the unknowns of the fit, then fixed parameters with a stated uncertainty that matters, then
+    A vector holds the unknowns of the fit, then fixed parameters with a stated uncertainty that matters, then
     what shapes the noise of each output. An entry without a prior is as likely anywhere between its bounds: a
     logarithm uniformly in the logarithm.
 
@@ -134,28 +139,36 @@ class Density:
         straight = Straight(middle, _root(whole.evaluate(here).triangle[:, :-1], len(middle)))
         self.coordinates = coordinates(whole, here, straight, width=_NOISE_WIDTH)
         self._range_middles, self._range_widths = _ranges(self.unknowns)
-        self._order = Order(self._values(here))
-        self._may_swap = any(_SECOND.search(name) for name in self._values(here))
+        self._order = Order(self.problem.in_reference(here, self.problem.records[0].place))
 
-    def __call__(self, vector: FloatArray) -> float:
-        """The logarithm of the density; minus infinity outside the bounds."""
-        if not ((vector > self.lower) & (vector < self.upper)).all():
-            return -math.inf
-        theta = vector[: len(self.unknowns)]
-        if (np.abs(theta - self._range_middles) > _RECTANGLE * self._range_widths).any():
-            return -math.inf
-        # Branches and modes keep their names: the fastest is the fastest in every sample.
-        if self._may_swap and Order(self._values(theta)) != self._order:
-            return -math.inf
-        away = self.problem.from_priors(theta)
-        found: float = -0.5 * float(away @ away)
-        for key, residual in self.problem.residuals(theta).items():
+    def __call__(self, vectors: FloatArray) -> FloatArray:
+        """The logarithm of the density at vectors, shape (n, n_entry) to (n,); minus infinity outside the bounds."""
+        found = np.full(len(vectors), -np.inf)
+        possible = np.flatnonzero(self._possible(vectors))
+        if not len(possible):
+            return found
+        vectors = vectors[possible]
+        thetas = vectors[:, : len(self.unknowns)]
+        logarithms = -0.5 * _squares(self.problem.from_priors(thetas))
+        for key, away in residuals(self.problem, thetas).items():
             noise = self._noise[key]
-            found += noise.log_density(residual, vector[noise.place])
-        return found if math.isfinite(found) else -math.inf
+            logarithms += noise.log_densities(away, vectors[:, noise.place])
+        found[possible] = np.where(np.isfinite(logarithms), logarithms, -np.inf)
+        return found
 
-    def _values(self, theta: FloatArray) -> dict[str, float]:
-        return self.problem.values(theta, self.problem.records[0].place)
+    def _possible(self, vectors: FloatArray) -> npt.NDArray[np.bool_]:
+        """Which vectors lie within all bounds and ranges."""
+        thetas = vectors[:, : len(self.unknowns)]
+        inside = ((vectors > self.lower) & (vectors < self.upper)).all(axis=1)
+        inside &= (np.abs(thetas - self._range_middles) <= _RECTANGLE * self._range_widths).all(axis=1)
+        # Branches and modes keep their names: the fastest is the fastest in every sample.
+        inside &= self._order.holds(in_reference(self.problem, thetas, self.problem.records[0].place))
+        return np.asarray(inside)
+
+
+def _squares(rows: FloatArray) -> FloatArray:
+    """The sum of squares of each row."""
+    return np.asarray(np.einsum("ij,ij->i", rows, rows))
 
 
 def _that_matter(problem: Problem, theta: FloatArray, stated: Mapping[str, Parameter]) -> list[Unknown]:

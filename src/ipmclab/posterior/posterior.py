@@ -252,7 +252,7 @@ def _told(fit: Fit, density: Density, chains: Chains, names: list[str], seed: in
     for number, (unknown, name) in enumerate(zip(density.unknowns, names, strict=True)):
         if unknown.nuisance:
             continue
-        values = _values(unknown, chains.vectors[:, :, number])
+        values = unknown.values(chains.vectors[:, :, number])
         low, median, high = (float(one) for one in np.quantile(values, (0.025, 0.5, 0.975)))
         parameters[name] = SampledParameter(
             name=name,
@@ -303,11 +303,6 @@ def _unit(name: str, known: Mapping[str, Parameter]) -> dict[str, Any]:
     if what == "offset":
         return {"unit": unit, "symbol": "offset", "quantity": CHANNELS[output]}
     return {"unit": f"{unit}/s", "symbol": "drift", "quantity": None}
-
-
-def _values(unknown: Unknown, entries: FloatArray) -> FloatArray:
-    """The values that entries stand for [SI]."""
-    return np.clip(np.exp(entries) if unknown.log else entries * unknown.scale, unknown.lower, unknown.upper)
 
 
 def _not_converged(judgement: Judgement, steps: int) -> IpmclabError:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final
@@ -87,14 +86,13 @@ class _Independent:
 
 
 def sample(
-    density: Callable[[FloatArray], Any],
+    density: Callable[[FloatArray], FloatArray],
     coordinates: Coordinates,
     names: Sequence[str],
     *,
     seed: int,
     steps: int,
     others: Sequence[FloatArray] = (),
-    at_once: bool = False,
     engine: Engine | None = None,
 ) -> Chains:
     """Walk until the chains agree, or for so many steps.
@@ -104,7 +102,7 @@ def sample(
 
     Parameters
     ----------
-    density : function of a vector
+    density : function of vectors, shape (n_walker, n_entry) to (n_walker,)
         The logarithm, up to a constant.
     coordinates : Coordinates
         In which the walkers walk.
@@ -115,8 +113,6 @@ def sample(
         Most steps of each walker.
     others : sequence of float array, shape (n,)
         Other places where it may be high, in these coordinates.
-    at_once : bool
-        Whether the density takes the vectors of several walkers, shape (n_walker, n), and gives as many numbers.
     engine : Engine, optional
         Who walks: a task for each ensemble and some steps.
     """
@@ -127,7 +123,7 @@ def sample(
     walkers += walkers % 2
     children = np.random.SeedSequence(seed).spawn(ENSEMBLES)
     generators = [np.random.RandomState(int(child.generate_state(1)[0])) for child in children]
-    stretched = _Stretched(density, coordinates, at_once)
+    stretched = _Stretched(density, coordinates)
     ensembles = []
     for generator in generators:
         first = _first(stretched.of_one, middle, root, walkers, generator, others)
@@ -135,7 +131,7 @@ def sample(
         ensembles.append(_Ensemble(state, _Independent(middle, root)))
     walks: list[list[_Walk]] = [[] for _ in ensembles]
     done = 0
-    stage("drawing samples until the chains agree", 0.0, 1.0, walkers * steps // 2)
+    stage("drawing samples until the chains agree", 0.0, 1.0, steps // 3)
     while True:
         rounds = in_order(engine or Here(), _walk, stretched, [replace(one, done=done) for one in ensembles])
         for number, (ensemble, walk) in enumerate(rounds):
@@ -153,30 +149,23 @@ def sample(
 
 
 class _Stretched:
-    """The density in the coordinates in which walkers walk: of one point, or of several at once."""
+    """The density in the coordinates in which walkers walk."""
 
-    def __init__(self, density: Callable[[FloatArray], Any], coordinates: Coordinates, at_once: bool) -> None:
-        self._density, self._coordinates, self.at_once = density, coordinates, at_once
+    def __init__(self, density: Callable[[FloatArray], FloatArray], coordinates: Coordinates) -> None:
+        self._density, self._coordinates = density, coordinates
 
-    def __call__(self, where: FloatArray) -> Any:
-        """The logarithm, and the vector that the point stands for; of several points a list of both."""
-        return self._of_all(where) if self.at_once else self._of_point(where)
+    def __call__(self, points: FloatArray) -> list[tuple[float, FloatArray]]:
+        """For each point the logarithm, and the vector that it stands for."""
+        tick()
+        vectors, logarithms = self._coordinates(points)
+        there = np.isfinite(logarithms)
+        if there.any():
+            logarithms[there] += self._density(vectors[there])
+        return list(zip(logarithms.tolist(), vectors, strict=True))
 
     def of_one(self, point: FloatArray) -> float:
         """The logarithm at one point."""
-        return (self._of_all(point[None, :])[0] if self.at_once else self._of_point(point))[0]
-
-    def _of_point(self, point: FloatArray) -> tuple[float, FloatArray]:
-        tick()
-        vector, logarithm = self._coordinates(point)
-        return (logarithm + self._density(vector) if math.isfinite(logarithm) else -math.inf), vector
-
-    def _of_all(self, points: FloatArray) -> list[tuple[float, FloatArray]]:
-        placed = [self._coordinates(point) for point in points]
-        logarithms = self._density(np.array([vector for vector, _ in placed]))
-        return [
-            (each + float(of), vector) for (vector, each), of in zip(placed, np.atleast_1d(logarithms), strict=True)
-        ]
+        return self(point[None])[0][0]
 
 
 @dataclass(frozen=True, eq=False)
@@ -208,9 +197,7 @@ def _walk(stretched: _Stretched, ensemble: _Ensemble) -> tuple[_Ensemble, _Walk]
         (emcee.moves.DESnookerMove(), 0.1),
     ]
     kept_as = [("vector", float, (size,))]
-    sampler = emcee.EnsembleSampler(
-        walkers, size, stretched, moves=moves, blobs_dtype=kept_as, vectorize=stretched.at_once
-    )
+    sampler = emcee.EnsembleSampler(walkers, size, stretched, moves=moves, blobs_dtype=kept_as, vectorize=True)
     state = sampler.run_mcmc(ensemble.state, _CHUNK, skip_initial_state_check=True)
     if ensemble.done < _LEARN * _CHUNK:
         ensemble.proposal.learn(sampler.get_chain(discard=_CHUNK // 2, flat=True))

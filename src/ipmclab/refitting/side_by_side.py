@@ -18,7 +18,7 @@ import numpy.typing as npt
 from ipmclab.identification.problem.place import Place
 from ipmclab.identification.problem.problem import WELL_APART, Problem
 from ipmclab.identification.problem.record import PreparedRun, drive
-from ipmclab.identification.problem.response import CircuitResponder, lumped_derivatives
+from ipmclab.identification.problem.response import CircuitResponder, circuits, lumped_derivatives
 from ipmclab.identification.problem.unknowns import Unknown
 from ipmclab.identification.search.solve import (
     FARTHEST_STEP,
@@ -28,9 +28,7 @@ from ipmclab.identification.search.solve import (
     NOTHING,
     STRUCTURAL,
 )
-from ipmclab.model.admittance import admittances
 from ipmclab.model.numerics.drive import Drive
-from ipmclab.model.stages.circuit import Circuit
 from ipmclab.refitting.kernels import pole_products
 
 FloatArray = npt.NDArray[np.float64]
@@ -145,16 +143,8 @@ class SideBySide:
         for part, read in zip(self._parts, readings, strict=True):
             values: dict[str, Any] = dict(self._problem.base)
             for column, unknown in part.columns:
-                values[unknown.base] = _values(unknown, thetas[:, column])
-            elements = Circuit(self._branches).elements(values)
-            series, leak, *others = (
-                np.ascontiguousarray(np.broadcast_to(np.real(one), fits))
-                for one in (elements.series, elements.dc, *elements.branch_resistances, *elements.branch_capacitances)
-            )
-            resistances, capacitances = (
-                np.stack(ones, axis=1) for ones in (others[: self._branches], others[self._branches :])
-            )
-            seen = admittances(series + part.series_resistance, leak, resistances, capacitances)
+                values[unknown.base] = unknown.values(thetas[:, column])
+            seen = circuits(self._branches, values, fits, part.series_resistance)
             size = 2 + 2 * self._branches
             products = np.empty((fits, size, size))
             given = part.drive
@@ -197,12 +187,6 @@ def _part(problem: Problem, record: PreparedRun) -> _Part | None:
     weight = 1.0 / problem.noise[key]
     columns = Place.of(record, problem.unknowns, problem.base).columns
     return _Part(given, problem.pieces[key], weight, reading.values * weight, record.series_resistance, columns)
-
-
-def _values(unknown: Unknown, entries: FloatArray) -> FloatArray:
-    """What entries stand for, as ``Unknown.value`` has it for one."""
-    values = np.exp(np.minimum(entries, 700.0)) if unknown.log else entries * unknown.scale
-    return np.asarray(np.clip(values, unknown.lower, unknown.upper))
 
 
 def _steps(products: FloatArray) -> tuple[FloatArray, FloatArray]:

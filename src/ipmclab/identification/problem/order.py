@@ -5,6 +5,10 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping
 from functools import lru_cache
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
 
 from ipmclab.model.kinds import edition, kinds
 
@@ -40,6 +44,17 @@ class Order:
     def __eq__(self, other: object) -> bool:
         """Whether everything stands in the same order."""
         return isinstance(other, Order) and self._places == other._places
+
+    def holds(self, values: Mapping[str, Any]) -> npt.NDArray[np.bool_]:
+        """Whether strips stand in this order, each value a number or an array of shape (n,); shape (n,), or ()."""
+        speeds, _ = _speeds(edition())
+        found = np.bool_(True)
+        latest: dict[str, Any] = {}
+        for (kind, number), _ in sorted(self._places.items(), key=lambda one: one[1]):
+            speed = speeds[kind](values, f"{kind}.{number}")
+            found = found & (latest.get(kind, -np.inf) <= speed)
+            latest[kind] = speed
+        return np.asarray(found)
 
     def __hash__(self) -> int:
         """Of the places."""

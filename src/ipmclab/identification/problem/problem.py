@@ -217,7 +217,8 @@ class Problem:
         return tuple((place, unknown) for place, unknown in enumerate(self.unknowns) if not unknown.nuisance)
 
     @cached_property
-    def _places(self) -> dict[int, Place]:
+    def places(self) -> dict[int, Place]:
+        """Which entries of the vector each run has."""
         return {record.place: Place.of(record, self.unknowns, self.base) for record in self.records}
 
     def record_at(self, place: int) -> PreparedRun:
@@ -230,25 +231,25 @@ class Problem:
 
     def values(self, theta: FloatArray, place: int) -> dict[str, float]:
         """The actuator's parameters as one run has them, in the state in which its strip was."""
-        reference, state = self.in_reference(theta, place), self._places[place].state
+        reference, state = self.in_reference(theta, place), self.places[place].state
         return reference if state is None else self._in_state(theta, place, state, ()).values
 
     def in_reference(self, theta: FloatArray, place: int) -> dict[str, float]:
         """The actuator's parameters for one run as they are in the reference state of its laws."""
         found = dict(self.base)
-        for column, unknown in self._places[place].columns:
+        for column, unknown in self.places[place].columns:
             found[unknown.base] = unknown.value(float(theta[column]))
         return found
 
     def _in_state(self, theta: FloatArray, place: int, state: RunState, names: Sequence[str]) -> InState:
         """The parameters of one run in its state, with derivatives by some of those of the reference state."""
-        own = self._places[place]
+        own = self.places[place]
         rates = {unknown.base: unknown.value(float(theta[column])) for column, unknown in own.ages}
         return in_state(self.in_reference(theta, place), state, names, water=self.water(theta, place), rates=rates)
 
     def water(self, theta: FloatArray, place: int) -> float | None:
         """The water content at which a run has its readings; None where it is exact."""
-        for column, unknown in self._places[place].waters:
+        for column, unknown in self.places[place].waters:
             value = unknown.value(float(theta[column]))
             return value if unknown.base == WATER else float(sorption.water_content(self.base, value / 100.0))
         return None
@@ -262,7 +263,7 @@ class Problem:
         names : sequence of str
         chains : float array, shape (n_unknown, n_names)
         """
-        own = self._places[place]
+        own = self.places[place]
         if own.state is None:
             values = self.in_reference(theta, place)
             chains = np.zeros((len(theta), len(own.names)))
@@ -286,11 +287,11 @@ class Problem:
         """By how much the edges of a run lie after its rows [s]: found here, or by an earlier fit."""
         if not record.delay_is_free:
             return record.known_delay or 0.0
-        return sum(unknown.value(float(theta[column])) for column, unknown in self._places[record.place].delays)
+        return sum(unknown.value(float(theta[column])) for column, unknown in self.places[record.place].delays)
 
     def start(self, theta: FloatArray, place: int) -> FloatArray:
         """Starting amplitudes of one run; empty for rest."""
-        return theta[self._places[place].starts]
+        return theta[self.places[place].starts]
 
     def evaluate(self, theta: FloatArray) -> Evaluation:
         """Residuals and Jacobian: the readings of all records, then what is known beforehand."""
@@ -304,19 +305,9 @@ class Problem:
         rows[-1, self.beforehand] = self._from_beforehand(theta)
         return Evaluation(rows, len(self._prior_places))
 
-    def residuals(self, theta: FloatArray) -> dict[tuple[int, str], FloatArray]:
-        """Weighted residuals of the readings of each run and output, without derivatives, not whitened."""
-        tick()
-        found = {}
-        with np.errstate(over="ignore", invalid="ignore"):
-            for record in self.records:
-                response = self._response(record, self.values(theta, record.place), theta, ())
-                for row, (output, reading) in enumerate(record.readings.items()):
-                    away = self._away(record, output, theta, response.values[row]) / self.noise[record.place, output]
-                    if reading.has_bounds:
-                        away[away * reading.side > 0] = 0.0
-                    found[record.place, output] = away[reading.used]
-        return found
+    def outputs(self, theta: FloatArray, record: PreparedRun) -> FloatArray:
+        """The outputs of one run in the order of its readings, without derivatives, shape (n_outputs, n_time) [SI]."""
+        return self._response(record, self.values(theta, record.place), theta, ()).values
 
     def spared(self, theta: FloatArray) -> float:
         """The part of the cost with which delays are drawn to the middle of where their rows confine them.
@@ -329,19 +320,22 @@ class Problem:
         return float(away @ away - beyond @ beyond)
 
     def from_priors(self, theta: FloatArray) -> FloatArray:
-        """How far each unknown is from what was known beforehand, in its standard deviations; without ranges."""
-        return np.asarray(self._from_beforehand(theta)[~self._prior_is_range])
+        """How far each unknown is from what was known beforehand, in its standard deviations; without ranges.
+
+        Of one vector, or of many with that axis first.
+        """
+        return np.asarray(self._from_beforehand(theta)[..., ~self._prior_is_range])
 
     def _from_beforehand(self, theta: FloatArray) -> FloatArray:
-        away = np.zeros(len(theta))
-        away[self._prior_places] = theta[self._prior_places] - self._prior_centres
-        return np.asarray(self._prior_jacobian @ away)
+        away = np.zeros(theta.shape)
+        away[..., self._prior_places] = theta[..., self._prior_places] - self._prior_centres
+        return np.asarray(away @ self._prior_jacobian.T)
 
     def fixed_jacobian(self, theta: FloatArray, names: Sequence[str]) -> FloatArray:
         """Derivatives of the residuals with respect to fixed parameters [per SI unit]."""
         parts = []
         for record in self.records:
-            state = self._places[record.place].state
+            state = self.places[record.place].state
             there = None if state is None else self._in_state(theta, record.place, state, names)
             values = self.values(theta, record.place) if there is None else there.values
             response = self._response(record, values, theta, names if there is None else there.names)
@@ -359,20 +353,20 @@ class Problem:
         delay, start = self.delay(theta, record), self.start(theta, record.place)
         return self.responder.respond(record, values, names, delay, start)
 
-    def _away(self, record: PreparedRun, output: str, theta: FloatArray, values: FloatArray) -> FloatArray:
-        """Model minus reading, the sensor's own part included [SI]."""
+    def away(self, record: PreparedRun, output: str, theta: FloatArray, values: FloatArray) -> FloatArray:
+        """Model minus reading, the sensor's own part included [SI]; of many vectors with that axis first."""
         away = values - record.readings[output].values
-        for column, added in self._places[record.place].sensors[output]:
-            away += theta[column] * added
+        for column, added in self.places[record.place].sensors[output]:
+            away += theta[..., column, None] * added
         return away
 
     def _quiet(self, record: PreparedRun, output: str, theta: FloatArray, values: FloatArray) -> Mask:
         """Readings that are bounds to which the model keeps: they say nothing."""
-        return np.asarray(self._away(record, output, theta, values) * record.readings[output].side > 0)
+        return np.asarray(self.away(record, output, theta, values) * record.readings[output].side > 0)
 
     def _fill(self, rows: FloatArray, record: PreparedRun, theta: FloatArray) -> None:
         """Write the weighted residuals of one run, and their derivatives, into the rows of an evaluation."""
-        own = self._places[record.place]
+        own = self.places[record.place]
         values, names, chains = self._moved(theta, record.place)
         response = self._response(record, values, theta, names)
         for row, (output, reading) in enumerate(record.readings.items()):
@@ -389,7 +383,7 @@ class Problem:
             response.summed(weights / sigma, row, found[:-1])
             for column, added in own.sensors[output]:
                 found[column] = added / sigma
-            found[-1] = self._away(record, output, theta, response.values[row]) / sigma
+            found[-1] = self.away(record, output, theta, response.values[row]) / sigma
             if reading.has_bounds:
                 found[:, self._quiet(record, output, theta, response.values[row])] = 0.0
             if reading.weights is not None:

@@ -11,8 +11,11 @@ import numpy.typing as npt
 
 from ipmclab.identification.problem.record import PreparedRun, drive, model_hold
 from ipmclab.model import Actuator
-from ipmclab.model.admittance import Admittance, Elements, admittance, capacitor_voltages
+from ipmclab.model.admittance import Admittance, Admittances, Elements, admittance, admittances, capacitor_voltages
+from ipmclab.model.batch import Batch, Record
+from ipmclab.model.batch_lanes import lanes_of
 from ipmclab.model.numerics.drive import respond
+from ipmclab.model.numerics.poles_loop import pole_values
 from ipmclab.model.sensitivity import Kept, Sensitivities, sensitivities
 from ipmclab.model.stages.circuit import CONTACT, Circuit
 
@@ -39,6 +42,24 @@ class Responder(Protocol):
     ) -> Sensitivities:
         """The outputs of one run, in the order of its readings; its states are the amplitudes of its start."""
 
+    def respond_many(
+        self, record: PreparedRun, values: Mapping[str, Any], count: int, delay: float
+    ) -> FloatArray | None:
+        """The outputs of a run that begins at rest, without derivatives, of many strips side by side.
+
+        Parameters
+        ----------
+        record : PreparedRun
+        values : mapping of name to float, or float array of shape (count,) [SI]
+        count : int
+        delay : float [s]
+
+        Returns
+        -------
+        outputs : float array, shape (count, n_outputs, n_time) [SI]
+            In the order of its readings. None where these strips go one by one.
+        """
+
 
 def lumped(branches: int, values: Mapping[str, float], series: float = 0.0) -> Elements:
     """The elements of a circuit in numbers, with a further series resistance."""
@@ -49,6 +70,17 @@ def lumped(branches: int, values: Mapping[str, float], series: float = 0.0) -> E
         np.array([resistance.real for resistance in parts.branch_resistances]),
         np.array([capacitance.real for capacitance in parts.branch_capacitances]),
     )
+
+
+def circuits(branches: int, values: Mapping[str, Any], count: int, series: float) -> Admittances:
+    """Poles and residues of many circuits, whose parameters are numbers or arrays, behind a series resistance."""
+    parts = Circuit(branches).elements(values)
+    first, leak, *others = (
+        np.ascontiguousarray(np.broadcast_to(np.real(one), count))
+        for one in (parts.series, parts.dc, *parts.branch_resistances, *parts.branch_capacitances)
+    )
+    resistances, capacitances = (np.stack(ones, axis=1) for ones in (others[:branches], others[branches:]))
+    return admittances(first + series, leak, resistances, capacitances)
 
 
 def lumped_derivatives(branches: int, values: Mapping[str, Any], names: Sequence[str]) -> FloatArray:
@@ -151,6 +183,18 @@ class CircuitResponder:
             by_start = np.eye(len(courses))[1 + 2 * count : 1 + 3 * count]
         return Sensitivities(current[None], courses[None], by_names[None], by_start[None], by_delay[None])
 
+    def respond_many(self, record: PreparedRun, values: Mapping[str, Any], count: int, delay: float) -> FloatArray:
+        """Currents: the poles of all circuits go through one loop."""
+        seen = circuits(self.branches, values, count, record.series_resistance)
+        given = drive(record, delay)
+        answers = np.empty((seen.poles.size, len(given.kind) + 1))
+        pole_values(given.durations, given.kind, given.start, given.end, seen.poles.ravel(), answers)
+        if given.rows is not None:
+            answers = answers[:, given.rows]
+        currents = seen.residues[:, None, :] @ answers.reshape(count, self.branches, -1)
+        currents += seen.direct[:, None, None] * given.present
+        return currents
+
 
 class ActuatorResponder:
     """Any outputs, through the assembled actuator. A start that is not rest is a set of states.
@@ -216,6 +260,26 @@ class ActuatorResponder:
         asked = [*(["states"] if basis is not None else []), *(["delay"] if record.delay_is_free else [])]
         found = self._sensitivities(record, values, names, delay, state, asked=asked)
         return replace(found, by_states=found.by_states[:, :0] if basis is None else basis.T @ found.by_states)
+
+    def respond_many(
+        self, record: PreparedRun, values: Mapping[str, Any], count: int, delay: float
+    ) -> FloatArray | None:
+        """Outputs through the lanes of ``simulate_many``, where it has some and the rows are regular."""
+        if delay or not record.run.is_uniform:
+            return None
+        other = {name: value for name, value in values.items() if np.ndim(value) or value != self._actuator[name]}
+        if record.series_resistance:
+            other[CONTACT] = values[CONTACT] + record.series_resistance
+        changes = {name: np.full(count, value) for name, value in other.items()}
+        time = record.run.time
+        rows = Record(time, time[-1] - time[0], (len(time) - 1) / (time[-1] - time[0]), model_hold(record))
+        batch = Batch(self._actuator, count, changes, rows, record.run.voltage[None], tuple(record.readings))
+        lanes = lanes_of(batch)
+        if lanes is None:
+            return None
+        found = np.empty((count, len(record.readings), len(time)))
+        lanes.outputs(batch.voltage, found)
+        return found
 
     def _sensitivities(
         self,

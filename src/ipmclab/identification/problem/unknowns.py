@@ -76,6 +76,11 @@ class Unknown:
         value = math.exp(min(entry, 700.0)) if self.log else entry * self.scale
         return self.inside(value)
 
+    def values(self, entries: FloatArray) -> FloatArray:
+        """The values that many entries stand for."""
+        values = np.exp(np.minimum(entries, 700.0)) if self.log else entries * self.scale
+        return np.asarray(np.clip(values, self.lower, self.upper))
+
     def inside(self, value: float) -> float:
         """A value, or the bound that it lies beyond."""
         return min(max(value, self.lower), self.upper)
