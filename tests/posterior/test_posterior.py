@@ -23,6 +23,8 @@ from ipmclab import (
     write_fit,
     write_posterior,
 )
+from ipmclab.identification.solved import solved
+from ipmclab.posterior.density import Density
 from ipmclab.posterior.doubts import doubts
 from ipmclab.posterior.packages import bayes_package
 from ipmclab.posterior.posterior import Posterior
@@ -91,6 +93,23 @@ def test_noise_that_hangs_together_is_in_it_and_so_is_a_fixed_value_that_is_not_
     assert found.parameters[SERIES].standard_deviation < 0.5 * 0.02
     exact = identify(FRIEND, [measured(fading=0.8, resting=100)], free=[DC, SERIES])
     assert_agrees(found, exact, within=0.15)
+
+
+def test_what_is_said_of_a_walker_does_not_hang_on_those_beside_it() -> None:
+    fit = identify(FRIEND, [measured(fading=0.8, resting=100)], free="electrical")
+    density = Density(solved(fit), {}, {})
+    middle = density.coordinates(density.coordinates.middle[None])[0][0]
+    generator = np.random.default_rng(20261121)
+    vectors = middle + 1e-2 * generator.standard_normal((12, len(middle)))
+    vectors[3] = density.upper + 1.0
+    branches = [[f"circuit.branches.{n}.{what}" for what in ("resistivity", "permittivity")] for n in (0, 1)]
+    names = [unknown.name for unknown in density.unknowns]
+    first, second = ([names.index(name) for name in branch] for branch in branches)
+    vectors[5, first + second] = vectors[5, second + first]
+    found = density(vectors)
+    # One is beyond a bound, and one calls the slower branch the first.
+    np.testing.assert_array_equal(np.flatnonzero(np.isneginf(found)), [3, 5])
+    np.testing.assert_allclose(found, [density(one[None])[0] for one in vectors], rtol=1e-13)
 
 
 @pytest.mark.parametrize("correlation", [0.0, 0.99, -0.99])

@@ -162,7 +162,7 @@ class Density:
         inside = ((vectors > self.lower) & (vectors < self.upper)).all(axis=1)
         inside &= (np.abs(thetas - self._range_middles) <= _RECTANGLE * self._range_widths).all(axis=1)
         # Branches and modes keep their names: the fastest is the fastest in every sample.
-        inside &= self._order.holds(in_reference(self.problem, thetas, self.problem.records[0].place))
+        inside[inside] = self._order.holds(in_reference(self.problem, thetas[inside], self.problem.records[0].place))
         return np.asarray(inside)
 
 
