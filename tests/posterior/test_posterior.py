@@ -95,7 +95,7 @@ def test_noise_that_hangs_together_is_in_it_and_so_is_a_fixed_value_that_is_not_
     assert_agrees(found, exact, within=0.15)
 
 
-def test_what_is_said_of_a_walker_does_not_hang_on_those_beside_it() -> None:
+def test_what_is_said_of_a_walker_does_not_depend_on_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
     fit = identify(FRIEND, [measured(fading=0.8, resting=100)], free="electrical")
     density = Density(solved(fit), {}, {})
     middle = density.coordinates(density.coordinates.middle[None])[0][0]
@@ -110,6 +110,8 @@ def test_what_is_said_of_a_walker_does_not_hang_on_those_beside_it() -> None:
     # One is beyond a bound, and one calls the slower branch the first.
     np.testing.assert_array_equal(np.flatnonzero(np.isneginf(found)), [3, 5])
     np.testing.assert_allclose(found, [density(one[None])[0] for one in vectors], rtol=1e-13)
+    monkeypatch.setattr("ipmclab.posterior.density._MOST_READINGS", 5 * 500)
+    np.testing.assert_allclose(found, Density(solved(fit), {}, {})(vectors), rtol=1e-13)
 
 
 @pytest.mark.parametrize("correlation", [0.0, 0.99, -0.99])

@@ -30,6 +30,7 @@ AT_FLOOR: Final = 1.01
 _MATTERS: Final = 0.1  # of what noise moves all readings together: a fixed value that moves them less is taken as exact
 _NOISE_WIDTH: Final = 0.2  # the same of the numbers that shape the noise
 _RECTANGLE: Final = 3.0**0.5
+_MOST_READINGS: Final = 1_000_000  # of vectors that are worked on at once: 8 MB for each output
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,22 +140,25 @@ class Density:
         straight = Straight(middle, _root(whole.evaluate(here).triangle[:, :-1], len(middle)))
         self.coordinates = coordinates(whole, here, straight, width=_NOISE_WIDTH)
         self._range_middles, self._range_widths = _ranges(self.unknowns)
+        self._together = max(1, _MOST_READINGS // sum(len(record.run.time) for record in solved.records))
         self._order = Order(self.problem.in_reference(here, self.problem.records[0].place))
 
     def __call__(self, vectors: FloatArray) -> FloatArray:
         """The logarithm of the density at vectors, shape (n, n_entry) to (n,); minus infinity outside the bounds."""
         found = np.full(len(vectors), -np.inf)
         possible = np.flatnonzero(self._possible(vectors))
-        if not len(possible):
-            return found
-        vectors = vectors[possible]
+        for begin in range(0, len(possible), self._together):
+            some = possible[begin : begin + self._together]
+            found[some] = self._of_possible(vectors[some])
+        return found
+
+    def _of_possible(self, vectors: FloatArray) -> FloatArray:
         thetas = vectors[:, : len(self.unknowns)]
-        logarithms = -0.5 * _squares(self.problem.from_priors(thetas))
+        found = -0.5 * _squares(self.problem.from_priors(thetas))
         for key, away in residuals(self.problem, thetas).items():
             noise = self._noise[key]
-            logarithms += noise.log_densities(away, vectors[:, noise.place])
-        found[possible] = np.where(np.isfinite(logarithms), logarithms, -np.inf)
-        return found
+            found += noise.log_densities(away, vectors[:, noise.place])
+        return np.where(np.isfinite(found), found, -np.inf)
 
     def _possible(self, vectors: FloatArray) -> npt.NDArray[np.bool_]:
         """Which vectors lie within all bounds and ranges."""

@@ -114,8 +114,8 @@ def test_costs_are_those_of_each_vector(name: str) -> None:
     ]
     foreign = [u.beforehand is None for u in problem.unknowns if u.prior is not None]
 
-    @settings(max_examples=15, deadline=None, database=None)
-    @given(seed=st.integers(0, 2**32 - 1), count=st.integers(1, 20))
+    @settings(max_examples=10, deadline=None, database=None)
+    @given(seed=st.integers(0, 2**32 - 1), count=st.integers(1, 9))
     def agree(seed: int, count: int) -> None:
         drawn = middle + spread * np.random.default_rng(seed).standard_normal((count, len(middle)))
         thetas = np.clip(drawn, problem.lower, problem.upper)
