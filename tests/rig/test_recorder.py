@@ -365,21 +365,28 @@ def test_whatever_ends_the_program_the_output_is_at_0_and_the_rows_are_kept(
     }.get(fault)
 
 
-@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
-def test_a_signal_of_the_system_is_an_end_with_the_output_at_0(strip: Actuator, name: str) -> None:
-    if not hasattr(signal, name):
-        pytest.skip(f"this system has no {name}")
-    number = getattr(signal, name)
-    before = signal.getsignal(number)
+@pytest.fixture(params=["SIGINT", "SIGTERM", "SIGHUP"])
+def system_signal(request: pytest.FixtureRequest) -> Iterator[int]:
+    """A signal with the action that it has by default: whoever starts the suite with nohup ignores SIGHUP."""
+    number = getattr(signal, request.param, None)
+    if number is None:
+        pytest.skip(f"this system has no {request.param}")
+    before = signal.signal(number, signal.default_int_handler if request.param == "SIGINT" else signal.SIG_DFL)
+    yield number
+    signal.signal(number, before)
+
+
+def test_a_signal_of_the_system_is_an_end_with_the_output_at_0(strip: Actuator, system_signal: int) -> None:
+    before = signal.getsignal(system_signal)
     bench, heart = Watched(strip), Heart()
-    with pytest.raises(KeyboardInterrupt if name == "SIGINT" else SystemExit) as told:
+    with pytest.raises(KeyboardInterrupt if system_signal == signal.SIGINT else SystemExit) as told:
         record(
             bench, "step 1 V", duration=4.0, rate=RATE, heartbeat=heart,
-            on_block=AtRow(100, lambda: os.kill(os.getpid(), number)),
+            on_block=AtRow(100, lambda: os.kill(os.getpid(), system_signal)),
         )  # fmt: skip
     is_safe(bench, heart)
     assert told.value.run.metadata.state == "aborted"  # type: ignore[attr-defined, union-attr]
-    assert signal.getsignal(number) == before
+    assert signal.getsignal(system_signal) == before
 
 
 def test_it_records_in_any_thread(strip: Actuator) -> None:

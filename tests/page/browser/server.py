@@ -31,6 +31,7 @@ def served(folder: Path, *options: str) -> Iterator[str]:
     told, says = PROCESSES.Pipe(duplex=False)
     with tempfile.TemporaryDirectory() as place, told:
         errors = Path(place, "errors.txt")
+        errors.touch()
         process = PROCESSES.Process(target=_serve, args=(words, dict(os.environ), says, errors))
         process.start()
         says.close()
