@@ -25,7 +25,6 @@ KNOWN = {
     "identification/build.py": "fixed values that a fit says it leans on",
     "identification/search/doublet.py": "a pole of the coupling beside its zero",
     "identification/search/starts/start.py": "the order of the starts, and the series resistance",
-    "identification/search/valleys.py": "branches that change places",
     "identification/undetermined/diagnosis.py": "gain against zero, and other exchanges that have a name",
 }
 """Files that know something of certain parameters that no stage can declare for itself, and what."""

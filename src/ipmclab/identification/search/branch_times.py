@@ -24,7 +24,7 @@ from ipmclab.identification.problem.record import PreparedRun, drive
 from ipmclab.identification.problem.response import lumped
 from ipmclab.model.admittance import Elements, admittance
 from ipmclab.model.numerics.drive import Drive, responses
-from ipmclab.model.stages.circuit import DC
+from ipmclab.model.stages.circuit import DC, branch_names
 
 FloatArray = npt.NDArray[np.float64]
 IndexArray = npt.NDArray[np.intp]
@@ -61,10 +61,7 @@ class BranchTimes:
     def of(cls, problem: Problem, theta: FloatArray, here: Evaluation, times: FloatArray, branches: int) -> Self | None:
         """About a fit of a circuit that is read by its current; None where not all of it is free and shared."""
         place = {unknown.name: column for column, unknown in enumerate(problem.unknowns)}
-        names = [
-            DC,
-            *(f"circuit.branches.{n}.{one}" for n in range(branches) for one in ("resistivity", "permittivity")),
-        ]
+        names = [DC, *(name for number in range(branches) for name in branch_names(number))]
         if not set(names) <= set(place):
             return None
         products = np.zeros((len(times) + 2, len(times) + 2))

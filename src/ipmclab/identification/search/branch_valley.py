@@ -23,7 +23,7 @@ from ipmclab.identification.problem.problem import Evaluation, Problem
 from ipmclab.identification.search.branch_times import BranchTimes
 from ipmclab.identification.search.solve import Solution, Solvable, descend, entry_errors, minimise
 from ipmclab.identification.search.valleys import EVALUATIONS, NEAR, SURELY_SOMEWHERE, Place
-from ipmclab.model.stages.circuit import Circuit
+from ipmclab.model.stages.circuit import Circuit, branch_names
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -123,10 +123,7 @@ def _places(problem: Problem, values: Mapping[str, float], own: float) -> tuple[
 
 def _seconds(values: Mapping[str, float]) -> float:
     """Seconds of a branch whose resistivity and permittivity are one."""
-
-    parts = Circuit(1).elements(
-        {**values, "circuit.branches.0.resistivity": 1.0, "circuit.branches.0.permittivity": 1.0}
-    )
+    parts = Circuit(1).elements({**values, **dict.fromkeys(branch_names(0), 1.0)})
     return float(np.real(parts.branch_resistances[0] * parts.branch_capacitances[0]))
 
 
@@ -136,7 +133,7 @@ def _weakest(problem: Problem, solution: Solution, branches: int) -> tuple[int, 
     errors = entry_errors(solution.evaluation)
     found: tuple[float, tuple[int, int, int]] | None = None
     for number in range(branches if branches > 1 else 0):
-        pair = f"circuit.branches.{number}.resistivity", f"circuit.branches.{number}.permittivity"
+        pair = branch_names(number)
         if not set(pair) <= set(names):
             continue
         places = names.index(pair[0]), names.index(pair[1])

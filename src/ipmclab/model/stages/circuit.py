@@ -174,6 +174,11 @@ class Circuit:
         return ladder([contact(values, self.branches, leak=self.leak, along=along), node], {})
 
 
+def branch_names(number: int) -> tuple[str, str]:
+    """Names of the resistivity and the permittivity of a branch."""
+    return f"circuit.branches.{number}.resistivity", f"circuit.branches.{number}.permittivity"
+
+
 def slowest_branch(branches: int, values: Mapping[str, float]) -> tuple[str, str]:
     """Names of the resistivity and the permittivity of the branch with the largest time constant.
 
@@ -183,8 +188,7 @@ def slowest_branch(branches: int, values: Mapping[str, float]) -> tuple[str, str
     >>> slowest_branch(2, load_actuator("friend-2").parameter_values)
     ('circuit.branches.1.resistivity', 'circuit.branches.1.permittivity')
     """
-    every = [(f"circuit.branches.{i}.resistivity", f"circuit.branches.{i}.permittivity") for i in range(branches)]
-    return max(every, key=lambda names: values[names[0]] * values[names[1]])
+    return max(map(branch_names, range(branches)), key=lambda names: values[names[0]] * values[names[1]])
 
 
 def contact(values: Values, branches: int, *, leak: bool, along: bool = False) -> Node:
