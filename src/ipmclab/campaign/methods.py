@@ -38,8 +38,8 @@ def methods(campaign: Campaign, blocks: Sequence[Block], events: Sequence[Mappin
     >>> campaign = campaign_from_text(TEMPLATE)
     >>> print(textwrap.fill(methods(campaign, blocks_of(campaign), [])[1], 110))
     The order was randomised with seed 1: in each repeat of everything the order of samples, of the experiments of
-    each and of the signals under each condition was drawn anew. A strip was hydrated and clamped once for each block of
-    runs under one condition.
+    each and of the signals under each condition was drawn again. A strip was hydrated and clamped once for each
+    block of runs under one condition.
     """
     return (
         _setting(campaign, events),
