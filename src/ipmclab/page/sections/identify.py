@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+from collections.abc import Collection
 from typing import Any, Final
 
 from nicegui import ui
@@ -38,6 +39,8 @@ class _View:
         self._kept = Kept(context)
         self._awaited: FitCard | None = None  # is shown once it is over, unless another is shown before
         self._told: dict[str, tuple[Any, ...]] = {}
+        self._cards: dict[str, ui.element] = {}
+        self._bars: dict[str, tuple[Any, Any]] = {}
         self._rows: list[dict[str, Any]] = []
 
     def build(self) -> None:
@@ -237,42 +240,48 @@ class _View:
         self._look_at_jobs()
 
     def _look_at_jobs(self) -> None:
-        """Draw the list of fits anew where something happened, and show the one that was waited for."""
+        """Draw the fits to which something happened, and show the one that was waited for."""
         fits = self._workshop.fits
         # Not when a fit that waited begins: what is pressed just then stays where it is.
         now = {one.key: (one.job.state if one.job.is_over else "", one.job.is_over, one.saved) for one in fits}
-        if now == self._told:
-            self._tell_progress()
-        else:
-            self._told = now
+        if now != self._told:
             self._offer_name()
-            self._draw_jobs()
+            self._draw_jobs({key for key, state in now.items() if self._told.get(key) != state})
+            self._told = now
+        self._tell_progress()
         if self._awaited is not None and self._awaited.job.is_over:
             self._show(self._awaited)
 
-    def _draw_jobs(self) -> None:
-        self._bars: dict[str, tuple[Any, Any]] = {}
-        self._none.set_visibility(not self._workshop.fits)
-        self._jobs.clear()
-        with self._jobs:
-            for one in reversed(self._workshop.fits):
-                self._draw_job(one)
-        self._tell_progress()
+    def _draw_jobs(self, changed: Collection[str]) -> None:
+        """Draw some fits again, the newest first; the others stay, so that a click on them finds its button."""
+        fits = self._workshop.fits
+        self._none.set_visibility(not fits)
+        for key in self._cards.keys() - {one.key for one in fits}:
+            self._cards.pop(key).delete()
+        for one in fits:
+            if one.key not in self._cards:
+                with self._jobs:
+                    self._cards[one.key] = ui.element("div").classes("lab-job")
+                self._cards[one.key].move(target_index=0)
+            if one.key in changed:
+                self._bars.pop(one.key, None)
+                self._cards[one.key].clear()
+                with self._cards[one.key]:
+                    self._draw_job(one)
 
     def _draw_job(self, one: FitCard) -> None:
-        with ui.element("div").classes("lab-job"):
-            with ui.element("div").classes("lab-title"):
-                text(one.asked.name, tag="strong")
-                if not one.job.is_over:
-                    button = ui.button("Cancel", on_click=lambda: self._workshop.jobs.cancel(one.job))
-                    button.props("outline no-caps dense")
-                elif one.frame is not None:
-                    ui.button("Show", on_click=lambda: self._show(one)).props("outline no-caps dense")
+        with ui.element("div").classes("lab-title"):
+            text(one.asked.name, tag="strong")
             if not one.job.is_over:
-                bar = ui.element("progress").props(f'max=1 aria-label="Progress of {one.asked.name}"')
-                self._bars[one.key] = (bar, text("").classes("lab-quiet").props("role=status"))
-            else:
-                text(_outcome(one)).classes("lab-bad" if one.job.state == "failed" else "lab-quiet")
+                button = ui.button("Cancel", on_click=lambda: self._workshop.jobs.cancel(one.job))
+                button.props("outline no-caps dense")
+            elif one.frame is not None:
+                ui.button("Show", on_click=lambda: self._show(one)).props("outline no-caps dense")
+        if not one.job.is_over:
+            bar = ui.element("progress").props(f'max=1 aria-label="Progress of {one.asked.name}"')
+            self._bars[one.key] = (bar, text("").classes("lab-quiet").props("role=status"))
+        else:
+            text(_outcome(one)).classes("lab-bad" if one.job.state == "failed" else "lab-quiet")
 
     def _tell_progress(self) -> None:
         for one in self._workshop.fits:
