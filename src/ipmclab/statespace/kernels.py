@@ -82,11 +82,16 @@ def whiten(
     state, onward = np.zeros((n, width)), np.zeros((n, width))
     foreseen = np.empty(width)
     variance, scale, logarithm, total = 1.0, 1.0, 0.0, 0.0
-    steady, last = False, -1
+    if count == 0:
+        return total
+    steady, kind = False, kinds[0]
+    transition, drive = transitions[kind], drives[kind]
     for t in range(count):
         ahead = steps[t] if t > 0 else 0
-        transition, drive = transitions[kinds[t]], drives[kinds[t]]
-        if not (steady and ahead == 1 and kinds[t] == last):
+        if kinds[t] != kind:
+            kind, steady = kinds[t], False
+            transition, drive = transitions[kind], drives[kind]
+        if not (steady and ahead == 1):
             for i in range(n):
                 for j in range(n):
                     before[i, j] = spread[i, j]
@@ -121,7 +126,7 @@ def whiten(
                     spread[j, i] = value
                     change = max(change, abs(value - before[i, j]))
                     largest = max(largest, abs(value))
-            steady, last = ahead == 1 and change <= _STEADY * (largest + variance), kinds[t]
+            steady = ahead == 1 and change <= _STEADY * (largest + variance)
             scale, logarithm = 1.0 / math.sqrt(variance), math.log(variance)
         total += logarithm
         variances[t] = variance
