@@ -77,7 +77,7 @@ def build_fit(
     relative = relative_errors(asked, values, found)
     reference = problem.in_reference(solution.theta, problem.records[0].place)
     order = Order(reference)
-    rivals = [rival.sorted_as(problem, order) for rival in result.rivals]
+    rivals = [rival.sorted_as(problem, reference) for rival in result.rivals]
     model = Actuator(actuator.name, reference)
     points = _points(result, found, rivals, stated, exact)
     beside = _beside_unseen(points)

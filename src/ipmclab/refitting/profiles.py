@@ -102,8 +102,9 @@ def _ended(fit: Fit, found: Mapping[str, Profile]) -> dict[str, FittedParameter]
     ended = dict(fit.parameters)
     if estimate.beside is not None:
         return ended
-    order = Order(problem.in_reference(theta, problem.records[0].place))
-    rivals = [rival.sorted_as(problem, order) for rival in estimate.rivals]
+    reference = problem.in_reference(theta, problem.records[0].place)
+    order = Order(reference)
+    rivals = [rival.sorted_as(problem, reference) for rival in estimate.rivals]
     for unknown in problem.unknowns:
         name = order(unknown.name)
         if name not in moved or name not in found or ended[name].determined or ended[name].at_bound:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from functools import lru_cache
 from typing import Any
 
@@ -20,6 +20,8 @@ class Order:
     ----------
     values : mapping of name to float [SI]
         Every parameter of the actuator, as the fit found them.
+    among : iterable of str, optional
+        Names of parameters: only branches and modes that have one among them are sorted.
 
     Examples
     --------
@@ -28,11 +30,11 @@ class Order:
     'relaxation.force.1.ratio'
     """
 
-    def __init__(self, values: Mapping[str, float]) -> None:
+    def __init__(self, values: Mapping[str, float], among: Iterable[str] | None = None) -> None:
         speeds, self._numbered = _speeds(edition())
         found: dict[str, set[int]] = {}
-        for name in values:
-            match = self._numbered.match(name)
+        for name in values if among is None else among:
+            match = self._numbered.search(name)
             if match:
                 found.setdefault(match[1], set()).add(int(match[2]))
         self._places: dict[tuple[str, int], int] = {}

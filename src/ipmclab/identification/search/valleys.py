@@ -90,15 +90,15 @@ class Rival:
         pairs = zip(unknowns, own, strict=True)
         return np.array([self.entries.get(unknown.name, entry) for unknown, entry in pairs], dtype=np.float64)
 
-    def sorted_as(self, problem: Problem, order: Order) -> Rival:
-        """With branches and modes named as they stand in another order: the fastest is the fastest there."""
+    def sorted_as(self, problem: Problem, reference: Mapping[str, float]) -> Rival:
+        """With branches and modes named as at other values: the fastest that is free is the fastest there."""
         unknowns = {unknown.name: unknown for unknown in problem.unknowns}
         values = dict(problem.base)
         for name, entry in self.entries.items():
             if name in unknowns:
                 values[unknowns[name].base] = unknowns[name].value(entry)
-        own = Order(values)
-        back = {order(name): name for name in self.entries}
+        own, there = Order(values, self.entries), Order(reference, self.entries)
+        back = {there(name): name for name in self.entries}
         return Rival(
             {back[own(name)]: entry for name, entry in self.entries.items()},
             {back[own(name)]: reach for name, reach in self.reach.items()},
