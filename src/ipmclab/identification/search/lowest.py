@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -13,15 +14,16 @@ from ipmclab.errors import InputError
 from ipmclab.identification.problem.free import FreeParameters
 from ipmclab.identification.problem.problem import Noise, Problem
 from ipmclab.identification.problem.record import PreparedRun
+from ipmclab.identification.problem.response import CircuitResponder
 from ipmclab.identification.search.along import along_valleys
 from ipmclab.identification.search.as_good import AS_GOOD, allowed_places
 from ipmclab.identification.search.descent import LONGEST, SHORTLY, at_floor, minimum, minimum_near, to_the_end, weigh
 from ipmclab.identification.search.doublet import COUPLING, without_doublet
-from ipmclab.identification.search.pose import entries_at, problem_at
+from ipmclab.identification.search.pose import entries_at, is_size_of_leak, problem_at, without_leak
 from ipmclab.identification.search.solve import Solution
 from ipmclab.identification.search.starts.start import StartingPoint, known_first, starting_points
 from ipmclab.identification.search.starts.start_in_state import in_one_state, moved_back, nowhere, there_alone
-from ipmclab.identification.search.valleys import Minima, Rival, Valley
+from ipmclab.identification.search.valleys import Minima, Place, Rival, Valley
 from ipmclab.model import Actuator
 from ipmclab.model.declared import electrical, has_several_minima
 from ipmclab.model.geometry import DIMENSIONS
@@ -30,6 +32,10 @@ from ipmclab.model.stages.circuit import SERIES
 from ipmclab.progress import stage
 
 FloatArray = npt.NDArray[np.float64]
+
+_TOO_SMALL: Final = (
+    1e-3  # of the size of a leak that readings suggest: adds nothing to a circuit that was found without
+)
 
 
 def find_minima(
@@ -75,15 +81,18 @@ def _search(
     for point in points:
         problem = problem_at(actuator, parameters, names, records, point, noise)
         posed.append((problem, entries_at(problem, point)))
+    smaller = _from_without_leak(actuator, names, posed)
+    if smaller is not None:
+        posed.append(smaller)
     weights = _left_by_starts(posed)
     # These have several minima, of which noise can make the wrong one the first.
     explore = any(has_several_minima(name) for name in names.actuator)
     tried: list[tuple[Problem, Solution]] = []
-    shortly = SHORTLY if explore and len(points) > 1 else LONGEST
-    for number, (point, (problem, theta)) in enumerate(zip(points, posed, strict=True)):
-        stage(f"searching from start {number + 1} of {len(points)}", *_share(0.2, 0.4, number, len(points)))
+    shortly = SHORTLY if explore and len(posed) > 1 else LONGEST
+    finds = [minimum_near if point.exact else minimum for point in points] + [minimum] * (len(posed) - len(points))
+    for number, (find, (problem, theta)) in enumerate(zip(finds, posed, strict=True)):
+        stage(f"searching from start {number + 1} of {len(posed)}", *_share(0.2, 0.4, number, len(posed)))
         problem = problem.with_noise(weights)
-        find = minimum_near if point.exact else minimum
         solution = find(problem, theta, evaluations=shortly)
         tried.append((problem, solution))
         if not explore and solution.converged and at_floor(problem, solution, noise):
@@ -91,11 +100,7 @@ def _search(
     tried = to_the_end(tried, noise)
     problem, solution = min(tried, key=lambda pair: pair[1].evaluation.cost)
     stage("looking for other fits that are as good", 0.4, 0.5, 300)
-    valley = along_valleys(actuator, names, problem, solution)
-    lowest = min((place.solution for place in valley), key=lambda other: other.evaluation.cost, default=solution)
-    if lowest.evaluation.cost < solution.evaluation.cost - 1e-3:
-        solution = minimum(problem, lowest.theta)
-        valley = along_valleys(actuator, names, problem, solution)
+    solution, valley = _along(actuator, names, problem, solution)
     spent = [*(other for _, other in tried), *(place.solution for place in valley)]
     solution = replace(solution, evaluations=sum(other.evaluations for other in spent))
     per_reading = solution.evaluation.cost / len(solution.evaluation.residual)
@@ -111,6 +116,45 @@ def _search(
     ends = [Rival.of(of, other.theta) for of, other in tried] if explore else []
     walked = Valley(problem, solution, tuple(valley))
     return problem, solution, Minima(tuple(rivals), allowed_places(problem, solution, valley), tuple(ends), walked)
+
+
+def _along(
+    actuator: Actuator, names: FreeParameters, problem: Problem, solution: Solution
+) -> tuple[Solution, list[Place]]:
+    """The lowest minimum along the valleys of one, and its own valleys."""
+    valley = along_valleys(actuator, names, problem, solution)
+    lowest = min((place.solution for place in valley), key=lambda other: other.evaluation.cost, default=solution)
+    if lowest.evaluation.cost < solution.evaluation.cost - 1e-3:
+        solution = minimum(problem, lowest.theta)
+        valley = along_valleys(actuator, names, problem, solution)
+    return solution, valley
+
+
+def _from_without_leak(
+    actuator: Actuator, names: FreeParameters, posed: Sequence[tuple[Problem, FloatArray]]
+) -> tuple[Problem, FloatArray] | None:
+    """Where a circuit stands without its leak, and the leak beside it too small to show.
+
+    A leak stops no circuit from following the readings as it does without one. Poles and residues find that at once,
+    with minima that lie apart.
+    """
+    problem = posed[0][0]
+    leaking = [place for place, unknown in enumerate(problem.unknowns) if unknown.base.startswith("leak.")]
+    sizes = {place: problem.unknowns[place] for place in leaking if is_size_of_leak(problem.unknowns[place].base)}
+    if not sizes:
+        return None
+    off = {unknown.base: 0.0 for unknown in sizes.values()}
+    circuit = without_leak(actuator, problem.without(leaking, off))
+    if not isinstance(circuit.responder, CircuitResponder):
+        return None
+    starts = [(theta, minimum(circuit, np.delete(theta, leaking), evaluations=SHORTLY)) for _, theta in posed]
+    start, solution = min(starts, key=lambda pair: pair[1].evaluation.cost)
+    solution, _ = _along(actuator, names, circuit, minimum(circuit, solution.theta))
+    whole = start.copy()
+    whole[np.delete(np.arange(len(start)), leaking)] = solution.theta
+    for place, unknown in sizes.items():
+        whole[place] = unknown.entry(unknown.inside(_TOO_SMALL * unknown.value(float(start[place]))))
+    return problem, whole
 
 
 def _left_by_starts(posed: Sequence[tuple[Problem, FloatArray]]) -> Noise:

@@ -55,8 +55,7 @@ def without_leak(actuator: Actuator, problem: Problem) -> Problem:
     free = {unknown.base for unknown in problem.unknowns}
     leaks = 0
     for name, value in problem.base.items():
-        kind = kind_of(name)
-        if kind is not None and kind.one_of == "leak" and kind.ending(name) in kind.off:
+        if is_size_of_leak(name):
             if value != 0.0 or name in free:
                 return problem
             leaks += 1
@@ -65,6 +64,12 @@ def without_leak(actuator: Actuator, problem: Problem) -> Problem:
         return problem
     responder = CircuitResponder(actuator.circuit.branches)
     return Problem(problem.base, problem.records, problem.unknowns, responder, problem.noise)
+
+
+def is_size_of_leak(name: str) -> bool:
+    """Whether a parameter of zero switches a leak off."""
+    kind = kind_of(name)
+    return kind is not None and kind.one_of == "leak" and kind.ending(name) in kind.off
 
 
 def need_as_many_readings(unknowns: int, records: Sequence[PreparedRun]) -> None:
