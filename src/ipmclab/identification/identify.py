@@ -34,6 +34,7 @@ from ipmclab.identification.problem.record import (
     places_of_mountings,
     prepare,
 )
+from ipmclab.identification.search.doubts import motion_of_another_coupling
 from ipmclab.identification.solved import Estimate
 from ipmclab.model import Actuator
 from ipmclab.model.declared import electrical, outputs_of, stage_outputs
@@ -189,6 +190,15 @@ def _identify(
         if which
     ]
     result = estimate(actuator, names, records)
+    foreign = motion_of_another_coupling(result.problem, result.correlated.left, _for_series_alone(names))
+    if foreign:
+        gone = {finding.channel for finding in foreign}
+        records = [
+            replace(record, readings={name: one for name, one in record.readings.items() if name not in gone})
+            for record in records
+        ]
+        left_out += foreign
+        result = estimate(actuator, names, records)
     diagnoses, lacking = _what_it_lacks(actuator, names, result) if diagnosed else ((), ())
     stage("errors and intervals", 0.8, 1.0)
     told = (*_used_findings(records, found), *left_out, *result.findings, *lacking)
@@ -311,6 +321,13 @@ def _outputs(names: FreeParameters) -> tuple[str, ...]:
     for name in names.moved.values():
         chosen |= set(READ_OUTPUTS if name in SERIES else stage_outputs(name))
     return tuple(output for output in READ_OUTPUTS if output in chosen)
+
+
+def _for_series_alone(names: FreeParameters) -> set[str]:
+    """Channels of motion that are read only because a series resistance is free."""
+    others = [stage_outputs(name) for name in names.moved.values() if name not in SERIES]
+    asked = {output for outputs in others for output in outputs} | {name.split(".")[2] for name in names.observation}
+    return {"displacement", "force"} - asked
 
 
 def _left_out(record: PreparedRun, which: Set[str], why: str) -> Finding:

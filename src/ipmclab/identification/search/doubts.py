@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from typing import Final
 
@@ -62,6 +62,38 @@ def unexplained(problem: Problem, left_of: Callable[[tuple[int, str]], FloatArra
                 )
             )
     return found
+
+
+def motion_of_another_coupling(
+    problem: Problem, left_of: Callable[[tuple[int, str]], FloatArray], outputs: Collection[str]
+) -> list[Finding]:
+    """A finding for each output of motion of which the model explains nothing in any run, a current beside it.
+
+    Where the coupling is not free and belongs to another strip, what the motion says of a series resistance is wrong.
+
+    Parameters
+    ----------
+    problem : Problem
+    left_of : function of (place, output)
+        As for ``unexplained``.
+    outputs : collection of str
+        Those that are read for a series resistance alone.
+    """
+    if not any("current" in record.readings for record in problem.records):
+        return []
+    read = [output for record in problem.records for output in record.readings]
+    nothing = [finding.channel for finding in unexplained(problem, left_of)]
+    return [
+        Finding(
+            "coupling-not-identified",
+            "warning",
+            f"the coupling in the file explains nothing of the {output}, which was left out of the fit",
+            "free the coupling too: --free electrical,circuit.sheet_resistance,coupling",
+            channel=output,
+        )
+        for output in sorted(outputs)
+        if output in read and nothing.count(output) == read.count(output)
+    ]
 
 
 def impossible_current(problem: Problem, solution: Solution, record: PreparedRun) -> Finding | None:
