@@ -74,6 +74,21 @@ def test_a_wide_and_a_narrow_model_are_told_apart() -> None:
     assert found.value > 0.0
 
 
+def test_one_reading_of_which_a_model_knows_nothing_does_not_hide_what_all_others_say() -> None:
+    """Beside a step a larger model can be a thousand times as unsure of one reading; it made the error 2800 nats."""
+    noise = np.random.default_rng(SEED).standard_normal(len(BLOCK_OF))
+    sizes = np.ones(len(BLOCK_OF))
+    sizes[137] = 1000.0
+
+    def scored(error: np.ndarray, size: np.ndarray) -> HeldOut:
+        density = -0.5 * ((error / size) ** 2 + np.log(2.0 * np.pi * size**2))
+        return HeldOut(np.bincount(BLOCK_OF, density), error, size**2)
+
+    found = difference(("A", scored(noise, sizes)), ("B", said(noise + 0.5)), BLOCK_OF, ONE_RUN)
+    assert found.is_told
+    assert found.value > 0.0
+
+
 def test_one_of_four_runs_against_three_is_no_proof() -> None:
     """What differs between runs counts: a model that is better in half of the runs is not better."""
     generator = np.random.default_rng(SEED)

@@ -16,7 +16,7 @@ _NOISE_FITTED: Final = 1.0
 """Variance [nat^2] of a difference that the fitted noise itself leaves open: models that say the same are alike."""
 
 _LIMIT: Final = 1e70
-"""Of a ratio of variances: one that is as large says that a reading cannot be."""
+"""Of the distance of two predictions: one that is as large says that a reading cannot be."""
 
 ENOUGH_RUNS: Final = 4
 """Runs from which their scatter says something of its own."""
@@ -83,17 +83,18 @@ def difference(
     """Compare two models on the same blocks.
 
     Readings differ in how much they can say: a block in which both models predict the same cannot scatter, one
-    at a jump can a lot. What each block can say is known: if the model that scored more and its noise were right,
-    the difference d of a block would have the variance q, the sum over its readings of
+    at a jump can a lot. What each block can say is known: if readings scattered as the sharper of two predictions
+    says, the difference d of a block would have the variance q, the sum over its readings of
 
         (rho - 1)^2/2 + rho^2 delta^2,
 
-    with delta the distance of the two predictions in its standard deviation and rho the ratio of its variance to
-    the other's (a difference of two Gaussian log densities). The differences are taken as d = b q + error, the
-    error's variance as phi q. The blocks themselves say what phi is: their scatter about b q, with the correlation
-    of neighbours (Newey and West) and, from four runs on, the scatter between runs, whichever is largest, and never
-    below 1, what the noise alone makes. The standard error of the sum is sqrt(phi sum(q) + 1): the noise of each
-    model was fitted too, which alone moves its score by about a nat.
+    with delta the distance of the two predictions in the sharper one's standard deviation and rho <= 1 the ratio of its
+    variance to the other's (a difference of two Gaussian log densities). If they scattered as the wider one says, one
+    reading of which a model knows nothing would let any difference be chance. The differences are taken as
+    d = b q + error, the error's variance as phi q. The blocks themselves say what phi is: their scatter about b q,
+    with the correlation of neighbours (Newey and West) and, from four runs on, the scatter between runs, whichever is
+    largest, and never below 1, what the noise alone makes. The standard error of the sum is sqrt(phi sum(q) + 1): the
+    noise of each model was fitted too, which alone moves its score by about a nat.
 
     Parameters
     ----------
@@ -121,8 +122,7 @@ def difference(
     (name, mine), (other_name, its) = model, other
     told = mine.score - its.score
     count = len(told)
-    nearer, further = (mine, its) if told.sum() >= 0.0 else (its, mine)
-    able = np.asarray(np.bincount(block_of, _variance(nearer, further), minlength=count), dtype=np.float64)
+    able = np.asarray(np.bincount(block_of, _variance(mine, its), minlength=count), dtype=np.float64)
     whole = float(able.sum())
     if count < 2 or whole <= 0.0:
         return Difference(name, other_name, float(told.sum()), math.inf if told.any() else 0.0, math.inf, count)
@@ -140,11 +140,11 @@ def difference(
     return Difference(name, other_name, float(told.sum()), error, float(stdtrit(freedom, 0.975)), count)
 
 
-def _variance(right: HeldOut, wrong: HeldOut) -> FloatArray:
-    """Variance of the difference of each reading's log density, were the first model right."""
-    with np.errstate(over="ignore"):  # beyond the limit one number is as good as another
-        ratio = np.minimum(right.variance / wrong.variance, _LIMIT)
-        distance = np.minimum((wrong.innovation - right.innovation) ** 2 / right.variance, _LIMIT)
+def _variance(mine: HeldOut, its: HeldOut) -> FloatArray:
+    """Variance of the difference of each reading's log density, were the sharper prediction right."""
+    sharper, wider = np.minimum(mine.variance, its.variance), np.maximum(mine.variance, its.variance)
+    ratio = sharper / wider
+    distance = np.minimum((its.innovation - mine.innovation) ** 2 / sharper, _LIMIT)
     return np.asarray(0.5 * (ratio - 1.0) ** 2 + ratio**2 * distance)
 
 
