@@ -38,7 +38,7 @@ from ipmclab.identification.uncertainty.interval import (
     with_rivals,
 )
 from ipmclab.identification.uncertainty.known_covariance import Table, covariance_table
-from ipmclab.identification.uncertainty.noise_found import noise_findings
+from ipmclab.identification.uncertainty.noise_found import drift_findings, noise_findings
 from ipmclab.identification.uncertainty.relaxing import set_point_findings
 from ipmclab.identification.undetermined.diagnosis import direction_of_one, directions, names_it, relative_errors
 from ipmclab.identification.undetermined.known_quantities import Point, known_quantities
@@ -163,6 +163,7 @@ def build_fit(
         *unexplained(problem, result.correlated.left),
         *_fit_findings(solution, found, fitted, stated, exact, asked, order, named),
         *noise_findings(problem, result.correlated, found),
+        *drift_findings(problem, observations),
     )
     fit = Fit(
         actuator=actuator,

@@ -24,10 +24,10 @@ from ipmclab.identification.search.as_good import allowed_places, still_rivals
 from ipmclab.identification.search.assumed import (
     assumed_zeros,
     is_assumed_zero,
-    sensor_error,
     start_not_at_rest,
     with_less,
     without_idle,
+    zero_kept,
 )
 from ipmclab.identification.search.descent import SHORTLY, minimum, minimum_beside, settled_nearest, to_the_end, weigh
 from ipmclab.identification.search.doublet import has_doublet
@@ -83,7 +83,8 @@ def estimate(actuator: Actuator, names: FreeParameters, records: Sequence[Prepar
     white = problem, _in_full(problem, strip.problem, strip.solution)
     findings = [start_not_at_rest(r) for r in problem.records if r.place in given_up and r.start == "free"]
     problem, solution = under.problem, under.solution
-    findings += [sensor_error(problem, unknown) for unknown in problem.unknowns if is_assumed_zero(unknown, names)]
+    offsets = [unknown for unknown in problem.unknowns if unknown.base.startswith("observation.offset.")]
+    findings += [zero_kept(problem, unknown) for unknown in offsets if is_assumed_zero(unknown, names)]
     findings += [found for record in problem.records if (found := impossible_current(problem, solution, record))]
     findings += unshown_zeros(problem, solution)
     if under.shapes:

@@ -76,15 +76,14 @@ def start_not_at_rest(record: PreparedRun) -> Finding:
     )
 
 
-def sensor_error(problem: Problem, unknown: Unknown) -> Finding:
-    """That a sensor's zero is not at zero, or drifts, as an offset or a drift that was kept says."""
-    what, output = unknown.base.split(".")[1:]
+def zero_kept(problem: Problem, unknown: Unknown) -> Finding:
+    """That a sensor's zero is not at zero, as an offset that was kept says."""
+    output = unknown.base.rsplit(".", 1)[1]
     label = next(record.label for record in problem.records if record.place == unknown.place)
-    said = f"the zero of its {output} is not at zero" if what == "offset" else f"its {output} drifts"
     return Finding(
-        "sensor-zero" if what == "offset" else "sensor-drift",
+        "sensor-zero",
         "info",
-        f"{label}: {said} (p < 0.1 %), so the {what} was fitted too",
-        "zero the channel at import, on the rows before the first edge" if what == "offset" else "",
+        f"{label}: the zero of its {output} is not at zero (p < 0.1 %), so the offset was fitted too",
+        "zero the channel at import, on the rows before the first edge",
         channel=output,
     )

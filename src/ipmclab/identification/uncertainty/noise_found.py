@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Final
 
+from ipmclab.fit.observation import Observation
 from ipmclab.identification.noise.blind import Blind
 from ipmclab.identification.noise.correlate import Correlated
 from ipmclab.identification.noise.hum import Hum, hum_in
@@ -16,6 +18,9 @@ from ipmclab.units import CHANNELS
 
 _MUCH_MORE: Final = 2.0
 """Times the noise at 0 V: a hundred rows tell it to a tenth, and to a third where neighbours are alike."""
+
+_NOTICED: Final = 0.05
+"""Part of the range of the readings: who looks at the curve sees a drift that is larger."""
 
 
 def noise_findings(problem: Problem, correlated: Correlated, found: Uncertainty) -> list[Finding]:
@@ -98,6 +103,30 @@ def noise_findings(problem: Problem, correlated: Correlated, found: Uncertainty)
                     "unexplained",
                     "look at the residuals in the report; a further branch may help",
                     channel=output,
+                )
+            )
+    return findings
+
+
+def drift_findings(problem: Problem, observations: Sequence[Observation]) -> list[Finding]:
+    """A finding for each sensor that is taken to drift, a warning where that is not small."""
+    findings = []
+    for record, observation in zip(problem.records, observations, strict=True):
+        for output, drift in observation.drift.items():
+            reading, channel = record.readings.get(output), CHANNELS[output]
+            if reading is None or not drift:
+                continue
+            time = record.times_of(output)
+            moved = drift * float(time[-1] - time[0])
+            findings.append(
+                Finding(
+                    "sensor-drift",
+                    "warning" if abs(moved) > _NOTICED * observation.span[output] else "info",
+                    f"{record.label}: the sensor of the {output} is taken to drift by {channel.to_display(moved):.2g} "
+                    f"{channel.display_unit} over the record, which no prediction holds",
+                    "record half a minute at 0 V before the voltage: these rows show whether the sensor drifts",
+                    channel=output,
+                    values={"drift": drift},
                 )
             )
     return findings
