@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from ipmclab import Run, identify, load_actuator, simulate
-from ipmclab.identification.noise.at_rest import without_spikes
+from ipmclab.identification.noise.at_rest import likelier_with_walk, without_spikes
 from ipmclab.model.variants import with_stages
+from ipmclab.statespace.shape import Shape
+from ipmclab.statespace.terms import Terms
 
 
 def test_noise_about_a_slope_stays_as_it_is() -> None:
@@ -33,9 +35,9 @@ def test_a_touched_wire_is_brought_back_to_where_noise_would_end() -> None:
     assert np.array_equal(np.delete(kept, [70, 71, 72]), np.delete(values, [70, 71, 72]))
 
 
-def test_a_drift_that_rows_at_rest_have_is_one_beside_a_wrong_model_too() -> None:
-    # Of three branches two are fitted.
-    drift = 2e-5
+@pytest.mark.parametrize(("drift", "severity"), [(2e-5, "info"), (1e-4, "warning")])
+def test_a_drift_that_rows_at_rest_have_is_one_beside_a_wrong_model_too(drift: float, severity: str) -> None:
+    # Of three branches two are fitted; the drift is 0.8 mA, or 4 mA, of some 60 mA.
     truth = with_stages(load_actuator("friend-2"), "branches=3").replace(
         **{"circuit.branches.2.resistivity": 150.0, "circuit.branches.2.permittivity": 0.6}
     )
@@ -43,5 +45,34 @@ def test_a_drift_that_rows_at_rest_have_is_one_beside_a_wrong_model_too() -> Non
     assert clean.current is not None
     noise = 1e-5 * np.random.default_rng(20261123).standard_normal(len(clean))
     run = Run.from_arrays(time=clean.time, voltage=clean.voltage, current=clean.current + noise + drift * clean.time)
-    found = identify(load_actuator("friend-2"), run, free="electrical").observations[0].drift
-    assert found.get("current", 0.0) == pytest.approx(drift, abs=2e-6)
+    fit = identify(load_actuator("friend-2"), run, free="electrical")
+    found = fit.observations[0].drift
+    assert found.get("current", 0.0) == pytest.approx(drift, rel=0.1)
+    (said,) = [one for one in fit.findings if one.code == "sensor-drift"]
+    assert said.severity == severity
+    assert said.values["drift"] == found["current"]
+
+
+@pytest.mark.parametrize(("walk", "order"), [(0.3, 0), (0.3, 1), (0.05, 0)])
+def test_the_likelihood_of_a_walk_is_that_of_its_covariance(walk: float, order: int) -> None:
+    """Patterson and Thompson's restricted likelihood about a level, from dense matrices."""
+    partial, count = 0.4, 60
+    entries = np.array([np.arctanh(partial)] * order + [np.log(walk)])
+    rows = np.random.default_rng(20261126).standard_normal(count) + 2.0
+    apart = np.abs(np.subtract.outer(np.arange(count), np.arange(count)))
+    still = partial**apart / (1.0 - partial**2) if order else np.eye(count)
+    walks = walk**2 * np.minimum.outer(np.arange(count), np.arange(count))
+
+    def deviance(covariance: np.ndarray) -> float:
+        inverse, ones = np.linalg.inv(covariance), np.ones(count)
+        level = ones @ inverse @ rows / (ones @ inverse @ ones)
+        squares = (rows - level) @ inverse @ (rows - level)
+        return float((count - 1) * np.log(squares) + np.linalg.slogdet(covariance)[1] + np.log(ones @ inverse @ ones))
+
+    noise = Shape(Terms(order=order, walk=True), entries, 1.0)
+    assert likelier_with_walk(noise, rows) == pytest.approx(deviance(still) - deviance(still + walks), rel=1e-9)
+
+
+@pytest.mark.parametrize("rows", [np.zeros(0), np.zeros(2), np.full(80, 0.3)])
+def test_rows_without_noise_say_nothing_of_a_walk(rows: np.ndarray) -> None:
+    assert likelier_with_walk(Shape(Terms(walk=True), np.zeros(1), 1.0), rows) == 0.0

@@ -6,15 +6,17 @@ They hold its zero, its drift and its noise, and nothing else.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Final, NamedTuple
 
 import numpy as np
 
 from ipmclab.identification.problem.record import PreparedRun
 from ipmclab.run import FloatArray
-from ipmclab.statespace.columns import constants, steps_between
+from ipmclab.statespace.columns import CONSTANTS, Columns, constants, steps_between, without
 from ipmclab.statespace.long_run import long_run
 from ipmclab.statespace.shape import Shape, spread_by, structure
+from ipmclab.statespace.terms import Terms
 
 _FEWEST_OF_SLOPE: Final = 20
 """Rows at 0 V from which their slope is taken: fewer do not tell their own scatter."""
@@ -42,6 +44,11 @@ class SlopeAtRest(NamedTuple):
     slope: float
     error: float
     weights: FloatArray
+
+    @property
+    def is_shown(self) -> bool:
+        """Whether it is more than its error explains."""
+        return abs(self.slope) > _SHOWN * self.error
 
 
 def slope_at_rest(record: PreparedRun, output: str, noise: Shape, unit: float) -> SlopeAtRest:
@@ -88,12 +95,6 @@ def slope_at_rest(record: PreparedRun, output: str, noise: Shape, unit: float) -
     return SlopeAtRest(slope, math.sqrt(variance), (columns @ inner)[:, 1] / half)
 
 
-def drift_is_shown(record: PreparedRun, output: str, noise: Shape, unit: float) -> bool:
-    """Whether the readings at 0 V have a slope."""
-    found = slope_at_rest(record, output, noise, unit)
-    return abs(found.slope) > _SHOWN * found.error
-
-
 def left_at_rest(record: PreparedRun, output: str, left: FloatArray, unit: float) -> FloatArray:
     """What a fit leaves of the readings at 0 V, contacts that were touched aside; shape (n_resting,).
 
@@ -129,6 +130,39 @@ def is_at_rest_too(noise: Shape, left: FloatArray) -> bool | None:
     lags = [1, *(count // part for part in _LAGS)]
     seen = np.array([np.mean((left[lag:] - left[:-lag]) ** 2) for lag in lags])
     return bool((structure(noise, lags) <= _TIMES * seen).all())
+
+
+def likelier_with_walk(noise: Shape, left: FloatArray) -> float:
+    """By how much the deviance (minus twice the log likelihood) of rows at 0 V is lower with the walk of a noise.
+
+    Parameters
+    ----------
+    noise : Shape
+        With a walk.
+    left : float array, shape (n_resting,)
+        By ``left_at_rest``, in the unit of the noise.
+
+    Examples
+    --------
+    >>> walk = Shape(Terms(walk=True), np.zeros(1), 1.0)
+    >>> steps = np.random.default_rng(1).standard_normal((2, 100))
+    >>> likelier_with_walk(walk, steps[0] + np.cumsum(steps[1])) > 0.0, likelier_with_walk(walk, steps[0]) > 0.0
+    (True, False)
+    """
+    standing = replace(noise.terms, walk=False, offset=True, trend=False)
+    order, count = standing.order, len(left)
+    if count <= CONSTANTS or not np.ptp(left) > 0.0:
+        return 0.0
+    matrix = np.column_stack([constants(np.arange(count, dtype=np.float64)), left])
+    rows = Columns(matrix, np.ones(count, dtype=np.int64))
+
+    def deviance(terms: Terms, entries: FloatArray) -> float:
+        products, logarithm = rows.products(terms, entries)
+        squares, of_offset = without(products, terms)
+        return (count - 1) * math.log(float(squares[-1, -1])) + logarithm + of_offset
+
+    walking = deviance(replace(standing, walk=True), noise.entries)
+    return deviance(standing, np.delete(noise.entries, order)) - walking
 
 
 def without_spikes(time: FloatArray, values: FloatArray, step: float) -> FloatArray:

@@ -17,7 +17,7 @@ from typing import Final
 
 import numpy as np
 
-from ipmclab.identification.noise.at_rest import drift_is_shown, is_at_rest_too, left_at_rest, slope_at_rest
+from ipmclab.identification.noise.at_rest import is_at_rest_too, left_at_rest, slope_at_rest
 from ipmclab.identification.noise.blind import Blind, blind_outputs
 from ipmclab.identification.noise.pieces import (
     Key,
@@ -319,18 +319,20 @@ def _is_model_error(problem: Problem, here: Evaluation, piece: Piece, shape: Sha
         return False
     record, unit = problem.record_at(place), problem.noise[piece.key]
     left = left_at_rest(record, output, here.residual[problem.pieces[piece.key]][piece.inside], unit)
-    return is_at_rest_too(shape, left) is False and not drift_is_shown(record, output, shape, unit)
+    return is_at_rest_too(shape, left) is False and not slope_at_rest(record, output, shape, unit).is_shown
 
 
 def _beside(problem: Problem, piece: Piece, shape: Shape) -> Zero | None:
     """The zero and slope beside the parameters.
 
     A walk begins somewhere. It also goes somewhere, but where no row at 0 V says how far, the parameters are asked to
-    explain the readings first: a slope would take up the slow answer of the strip.
+    explain the readings first: a slope would take up the slow answer of the strip. A current, read over a resistor, has
+    a slope only where these rows show one.
     """
     record, output, terms = problem.record_at(piece.key[0]), piece.key[1], shape.terms
     unit = problem.noise[piece.key]
-    known = terms.walk and math.isfinite(slope_at_rest(record, output, shape, unit).error)
+    rest = slope_at_rest(record, output, shape, unit)
+    known = terms.walk and (rest.is_shown if output == "current" else math.isfinite(rest.error))
     offset = (terms.offset or terms.walk) and piece.allowed[0]
     trend = (terms.trend or known) and piece.allowed[1]
     return Zero.of(record, output, Terms(offset=offset, trend=trend), shape, unit) if offset or trend else None

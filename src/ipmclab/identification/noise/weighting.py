@@ -3,21 +3,23 @@
 Under noise that is not white, least squares is not the sharpest estimate; under a random walk it is a poor one. Weights
 from the noise would be, if the model were right. But what a wrong model leaves looks like such noise too, and under
 weights made of it the parameters go where it is left. Three questions tell them apart. The rows at 0 V hold the noise
-and nothing else: what is found under voltage must not be larger there. Least squares must lose no more at the weighted
-estimate than such noise moves it (Hausman 1978). And the prediction must stay as good. Where it does not, or few rows
-are at 0 V, nobody can tell which of both is the strip: least squares is the answer, and the other a fit as good.
+and nothing else: what is found under voltage must not be larger there, and a walk must show there, since one that is
+too slow to show describes whatever the model lacks. Least squares must lose no more at the weighted estimate than such
+noise moves it (Hausman 1978). And the prediction must stay as good. Where it does not, or the rows at 0 V are too few
+to say, nobody can tell which of both is the strip: least squares is the answer, and the other a fit as good.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final
 
 import numpy as np
 
 from ipmclab.confidence import REJECT
-from ipmclab.identification.noise.at_rest import is_at_rest_too, left_at_rest
+from ipmclab.identification.noise.at_rest import is_at_rest_too, left_at_rest, likelier_with_walk
 from ipmclab.identification.noise.correlate import Again, Correlated
 from ipmclab.identification.noise.pieces import Key, System, refine_noise
 from ipmclab.identification.noise.whitening import CorrelatedProblem
@@ -49,17 +51,17 @@ def weighted(least: Correlated, everywhere: Again, beside: Again) -> tuple[Corre
         The weighted fit, where it was not taken and the readings do not speak against it.
     """
     coloured = [key for key, shape in least.shapes.items() if shape.terms.order or shape.terms.walk]
-    if not coloured or not all(_is_at_rest_too(least, key) is not False for key in coloured):
+    if not coloured or _are_at_rest_too(least, coloured) is False:
         return least, None
     here = _fitted(least, everywhere, beside)
-    shown = [_is_at_rest_too(here, key) for key in coloured]
-    if False in shown:
+    shown = _are_at_rest_too(here, coloured)
+    if shown is False:
         return least, None
     there = least.problem.evaluate(here.solution.theta)
     if not _is_same_strip(least, there):
         return least, None
     as_good = there.cost <= _AS_GOOD**2 * least.solution.evaluation.cost
-    return (here, None) if all(shown) and as_good else (least, here)
+    return (here, None) if shown and as_good else (least, here)
 
 
 def _fitted(least: Correlated, everywhere: Again, beside: Again) -> Correlated:
@@ -91,6 +93,24 @@ def _is_same_strip(least: Correlated, there: Evaluation) -> bool:
 
 def _is_at_rest_too(under: Correlated, key: Key) -> bool | None:
     return is_at_rest_too(under.shapes[key], _left_at_rest(under, key))
+
+
+def _are_at_rest_too(under: Correlated, coloured: Sequence[Key]) -> bool | None:
+    """Whether the rows at 0 V have these noises; None where they do not say so.
+
+    Whether they walk is asked of all runs together, by Bayes's criterion: the sensor of an output is the same in all.
+    """
+    sized = {key: _is_at_rest_too(under, key) for key in coloured}
+    answers: list[bool | None] = list(sized.values())
+    for output in {output for _, output in coloured}:
+        left = {key: _left_at_rest(under, key) for key, one in sized.items() if one and key[1] == output}
+        likelier = [
+            likelier_with_walk(under.shapes[key], rows) for key, rows in left.items() if under.shapes[key].terms.walk
+        ]
+        if likelier:
+            penalty = math.log(sum(map(len, left.values())))
+            answers.append(None if abs(sum(likelier)) < penalty else sum(likelier) > 0.0)
+    return False if False in answers else None if None in answers else True
 
 
 def at_rest_and_driven(under: Correlated, key: Key) -> tuple[float, float] | None:
