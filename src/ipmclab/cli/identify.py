@@ -58,6 +58,9 @@ def identify(
         bool,
         typer.Option("--thorough", help="Follow profiles and leave out each run where that takes long too."),
     ] = False,
+    anyway: Annotated[
+        bool, typer.Option("--anyway", help="Fit readings whose unit seems to be off by a factor of 1000 as they are.")
+    ] = False,
     each_strip: Annotated[
         bool, typer.Option("--each-strip", help="Fit each strip (sample) of the runs by itself, to files in --out.")
     ] = False,
@@ -78,7 +81,7 @@ def identify(
         from ipmclab.workflows.many_strips import Asked
 
         identify_each(
-            Asked(load_actuator(actuator), free, per_run, per_mounting, prior, thorough),
+            Asked(load_actuator(actuator), free, per_run, per_mounting, prior, thorough, anyway),
             read_runs(runs),
             out,
             reads=[*actuator_files(actuator), *runs],
@@ -108,6 +111,7 @@ def identify(
             per_mounting=per_mounting,
             prior=prior,
             thorough=thorough,
+            anyway=anyway,
             progress=tell,
         )
         write_fit(fit, out, overwrite=force)
@@ -142,11 +146,12 @@ def print_fit(
 
 def print_details(fit: Fit) -> None:
     """Print everything that a fit says."""
-    from ipmclab.fit.answer import digits_of, known_rows, verdict
+    from ipmclab.fit.answer import REFUSED, digits_of, known_rows, verdict
     from ipmclab.fit.output_diagnosis import WORDS
     from ipmclab.identification.mountings.remarks import remarks
     from ipmclab.quality.scale import CODE as UNIT_OFF
 
+    print_paragraph(verdict(fit))
     print_briefly([finding for finding in fit.findings if finding.code == UNIT_OFF])
     known = fit.actuator.parameters()
     said = remarks(fit)
@@ -172,7 +177,7 @@ def print_details(fit: Fit) -> None:
         )
     intervals = ["95 % interval", *(["next mounting"] if next_known else [])]
     print_table(["parameter", "value", *intervals, "unit", "collinearity", ""], rows)
-    if fit.known:
+    if fit.known and not verdict(fit).startswith(REFUSED):
         print_table(
             ["known from these readings", "value", "95 % interval", "unit", ""],
             [[row.name, row.value, row.interval, row.unit, row.remark] for row in known_rows(fit)],
@@ -196,7 +201,6 @@ def print_details(fit: Fit) -> None:
     print_table(["run", "output", "residual", "samples", "what is left"], noise)
     print_many_runs(fit)
     print_paragraph(f"{'Converged' if fit.converged else 'Did not converge'}: {fit.message}")
-    print_paragraph(verdict(fit))
     # The sentences above say what is not determined.
     print_briefly([finding for finding in fit.findings if finding.code not in ("undetermined", UNIT_OFF)])
 

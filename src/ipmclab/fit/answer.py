@@ -89,9 +89,16 @@ class Answer:
     more: int
 
     @property
-    def shows_known(self) -> bool:
-        """Whether what is known stands in the short answer."""
-        return bool(self.known) and not all(row.determined for row in self.parameters)
+    def is_refused(self) -> bool:
+        """Whether the fit is of no use: its numbers do not stand in the short answer."""
+        return self.verdict.startswith(REFUSED)
+
+    @property
+    def rows(self) -> tuple[tuple[Row, ...], tuple[Row, ...]]:
+        """The parameters, and what is known beside one that is not determined; nothing of a fit of no use."""
+        if self.is_refused:
+            return (), ()
+        return self.parameters, () if all(row.determined for row in self.parameters) else self.known
 
     def __str__(self) -> str:
         return self.text()
@@ -101,13 +108,14 @@ class Answer:
 
         Sentences and findings have at most 100 columns, a row of the table as many as its names need.
         """
-        rows = list(self.parameters)
-        lines = _lines(rows, self.known if self.shows_known else ())
+        lines = [] if self.is_refused else _lines(*self.rows)
         # A number stays beside its percent sign, and the name of a file whole.
         bound = self.verdict.replace(" %", f"{_NO_BREAK}%")
         lines += [line.replace(_NO_BREAK, " ") for line in textwrap.wrap(bound, WIDTH, break_on_hyphens=False)]
         lines += [str(one) for one in self.findings]
-        if self.more:
+        if self.is_refused and self.parameters:
+            lines.append(f"its values{f' and {self.more} more findings' if self.more else ''}: {where}")
+        elif self.more:
             lines.append(more_in_words(self.more, where))
         return "\n".join(lines)
 
@@ -241,9 +249,7 @@ def _why_not(fit: Fit, outputs: Sequence[str]) -> str:
     if wrong:
         which = sorted({CHANNELS[one.channel].name for one in wrong if one.channel in CHANNELS})
         of = f" of the {_listed(which)}" if which else ""
-        _, followed = _followed(fit, outputs)
-        then = f", and {lost}" if lost else f". How well the curve follows it does not matter ({followed})"
-        return f"the record{of} is wrong, as the first finding says{then}"
+        return f"the record{of} is wrong, as the first finding says{f', and {lost}' if lost else ''}"
     return lost
 
 

@@ -152,7 +152,7 @@ def _identify(
     diagnosed: bool,
 ) -> Fit:
     stage("reading the runs", 0.0, 0.05)
-    outputs = _outputs(names)
+    outputs = outputs_of_fit(names)
     checked = [Checked.of(run) for run in given]
     found = [check_record(record) for record in checked]
     silent = [noise_only(findings) & set(outputs) for findings in found]
@@ -300,7 +300,7 @@ def _labels(labels: Sequence[str] | None, runs: int) -> list[str] | None:
     return given
 
 
-def _outputs(names: FreeParameters) -> tuple[str, ...]:
+def outputs_of_fit(names: FreeParameters) -> tuple[str, ...]:
     """The channels that the free parameters need.
 
     Force and displacement also depend on the circuit, through the drop over its series resistance; but
