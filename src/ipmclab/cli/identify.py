@@ -146,31 +146,26 @@ def print_fit(
 
 def print_details(fit: Fit) -> None:
     """Print everything that a fit says."""
-    from ipmclab.fit.answer import REFUSED, digits_of, known_rows, verdict
+    from ipmclab.fit.answer import REFUSED, known_rows, parameter_rows, quantity_of, verdict
     from ipmclab.fit.output_diagnosis import WORDS
     from ipmclab.identification.mountings.remarks import remarks
     from ipmclab.quality.scale import CODE as UNIT_OFF
 
     print_paragraph(verdict(fit))
     print_briefly([finding for finding in fit.findings if finding.code == UNIT_OFF])
-    known = fit.actuator.parameters()
     said = remarks(fit)
     next_known = any(parameter.interval_next_mounting for parameter in fit.parameters.values())
     rows = []
-    for name, parameter in fit.parameters.items():
-        base = known.get(name.partition("[")[0])
-        factor = base.quantity.to_display(1.0) if base is not None else 1.0
-        value, low, high = (factor * number for number in (parameter.value, *parameter.interval))
-        digits = digits_of(value, high - low)
-        following = parameter.interval_next_mounting
-        ends = [significant(factor * end, 3) for end in following] if following else ["-"]
+    for row, (name, parameter) in zip(parameter_rows(fit), fit.parameters.items(), strict=True):
+        quantity, following = quantity_of(fit, name), parameter.interval_next_mounting
+        ends = [significant(end if quantity is None else quantity.to_display(end), 3) for end in following or ()]
         rows.append(
             [
                 name,
-                significant(value, digits) if parameter.determined else "not determined",
-                f"{significant(low, digits)} to {significant(high, digits)}",
-                *([" to ".join(ends)] if next_known else []),
-                base.quantity.display_unit if base is not None else parameter.unit,
+                row.value,
+                row.interval,
+                *([" to ".join(ends) or "-"] if next_known else []),
+                row.unit,
                 collinearity(fit, name),
                 said[name],
             ]
@@ -182,8 +177,10 @@ def print_details(fit: Fit) -> None:
             ["known from these readings", "value", "95 % interval", "unit", ""],
             [[row.name, row.value, row.interval, row.unit, row.remark] for row in known_rows(fit)],
         )
+    if fit.undetermined:
+        print("These runs leave open:")
     for direction in fit.undetermined:
-        print_paragraph(f"Not determined: {direction.sentence}")
+        print_paragraph(f"- {direction.sentence}")
     print_profiles(fit)
     print_collinear(fit)
     left = {(one.label, one.output): WORDS[one.verdict] for one in fit.diagnoses}

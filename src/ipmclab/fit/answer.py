@@ -42,6 +42,11 @@ _DOUBTS: Final = (
     *IMPOSSIBLE,
 )
 _ROUGH: Final = 15.0  # percent of the range, from which nobody calls a curve followed
+_DRIFTS: Final = {
+    "current": Quantity("drift of the current", "A/s", "uA/s"),
+    "displacement": Quantity("drift of the displacement", "m/s", "um/s"),
+    "force": Quantity("drift of the force", "N/s", "uN/s"),
+}
 _NO_BREAK: Final = "\u00a0"
 _ALL: Final = {2: "both"}
 _SHOWN: Final = 3  # residuals that a sentence lists
@@ -161,7 +166,7 @@ def quantity_of(fit: Fit, name: str) -> Quantity | None:
     if base == "observation.delay":
         return TIME
     output = base.rsplit(".", 1)[-1]
-    return CHANNELS.get(output) if base.startswith("observation.offset") else None
+    return (CHANNELS if base.startswith("observation.offset") else _DRIFTS).get(output)
 
 
 def known_rows(fit: Fit) -> tuple[Row, ...]:

@@ -92,9 +92,8 @@ def _missing(actuator: Actuator, chosen: Sequence[Tried], fixed: str) -> Finding
     return Finding(
         "stage-missing",
         "warning",
-        f"the model cannot explain what it leaves of the {output}: the residuals show "
-        f"{kind_named(best.stage).shows}. A stage {best.stage} would take away {100.0 * explained:.0f} % of their "
-        f"power beyond noise{also}{_or_wrong(fixed)}",
+        f"what is left of the {output} shows {kind_named(best.stage).shows}: a stage {best.stage} would take away "
+        f"{100.0 * explained:.0f} % of its power beyond noise{also}{_or_wrong(fixed)}",
         f"identify {models}{with_free}, and compare both by choose",
         channel=output,
         values={"stage": best.stage, "explained": explained, "evidence": best.evidence},
@@ -114,7 +113,7 @@ def _incomplete(left: Left, tried: Sequence[Tried], fixed: str) -> Finding:
     return Finding(
         "model-incomplete",
         "warning",
-        f"the model cannot explain what it leaves of the {left.output}: it {how} (p < 0.1 %){none}{_or_wrong(fixed)}",
+        f"what is left of the {left.output} {how} (p < 0.1 %): the model lacks something{none}{_or_wrong(fixed)}",
         "look at the residuals in the report; check what is held fixed, and when the edges were applied; values that "
         "rest on this output may be wrong by more than their intervals say",
         channel=left.output,
