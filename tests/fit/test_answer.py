@@ -207,7 +207,9 @@ def test_what_changes_the_numbers_comes_before_what_scales_them() -> None:
         finding("clipped"),
     ]
     lines, _ = in_brief(told, ["current"], most=7)
-    assert [one.code for one in lines] == [one.code for one in reversed(told[3:])][:2] + [
+    assert [one.code for one in lines] == [
+        "clipped",
+        "model-incomplete",
         "above-electrolysis",
         "undetermined",
         "sampling-period-unknown",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import textwrap
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
@@ -220,8 +220,15 @@ def interval_in_words(low: float, high: float, digits: int) -> str:
     return f"{significant(low, digits)} to {significant(high, digits)}"
 
 
-def verdict(fit: Fit) -> str:
-    """Whether a fit can be used, for what, and how well it follows the readings: a sentence or two."""
+def verdict(fit: Fit, missed: Collection[str] = ()) -> str:
+    """Whether a fit can be used, for what, and how well it follows the readings: a sentence or two.
+
+    Parameters
+    ----------
+    fit : Fit
+    missed : collection of str
+        Outputs that it did not predict of other runs.
+    """
     outputs = list(dict.fromkeys(name for one in fit.observations for name in one.noise))
     refused = _why_not(fit, outputs)
     if refused:
@@ -229,7 +236,9 @@ def verdict(fit: Fit) -> str:
     worst, followed = _followed(fit, outputs)
     what = _listed(CHANNELS[name].name for name in outputs)
     use = f"This fit can be used to predict the {what}"
-    if worst is not None and worst > _ROUGH:
+    if not set(outputs).isdisjoint(missed):
+        use = f"This fit follows the {what} of its own runs, but does not predict others"
+    elif worst is not None and worst > _ROUGH:
         use = f"This fit predicts the {what} only roughly"
     return f"{use} ({followed}); {_of_parameters(fit)}."
 

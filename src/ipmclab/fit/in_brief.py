@@ -283,7 +283,7 @@ def _plain(finding: Finding) -> str:
         case "model-incomplete":
             return f"what is left of the {channel} follows the voltage; no stage that was tried explains it"
         case "stage-missing" if "stage" in values:
-            share = f"{100.0 * values['explained']:.0f} %"
+            share = f"{100.0 * float(values.get('explained') or 0.0):.0f} %"
             return f"a stage {values['stage']} would explain {share} of what is left of the {channel}"
         case "above-electrolysis" if "largest_voltage" in values:
             return f"water decomposes at {values['largest_voltage']:.3g} V, and the model has no current for that"

@@ -60,8 +60,8 @@ def rising_current(record: Record) -> list[Finding]:
             ),
             repair=(
                 "resistors and capacitors with constant values cannot do that: look for electrolysis, drying, heating "
-                "or a changing contact. Identify from the part before (rows of the import map), or try a leak that grows: "
-                "identify ACTUATOR+leak.exponential+leak.slow with --free electrical,leak"
+                "or a changing contact. Identify from the part before (rows of the import map), or try a leak that "
+                "grows: identify ACTUATOR+leak.exponential+leak.slow with --free electrical,leak"
             ),
             samples=((first + rows, second + rows),),
             values={

@@ -136,7 +136,7 @@ def _forecast(forecast: Forecast) -> str:
         name_panel(panel, forecast.channel, quantity)
     table = _table(["time", "from", f"{forecast.channel} ({quantity.display_unit})", "to"], rows)
     told = f"{forecast.channel} from {forecast.origin:g} s on"
-    return _block(told, table, _svg(figure, told))
+    return _block(told, f"{table}<p>{escape(forecast.made_of)}</p>", _svg(figure, told))
 
 
 def _number(value: float, quantity: Quantity | None) -> str:

@@ -43,12 +43,12 @@ def beyond_findings(fit: Fit, records: Sequence[PreparedRun]) -> list[Finding]:
         for finding in validity(model, _answer(model, record, entry), record.run.metadata.signal):
             if any(one.code == finding.code and one.message.startswith(f"{record.label}: ") for one in fit.findings):
                 continue
-            moves = finding.code != "near-resonance" or record.readings.keys() & {"displacement", "force"}
-            moves = moves and finding.code != "resonance-aliased"
+            moved = bool(record.readings.keys() & {"displacement", "force"})
+            noted = finding.code == "resonance-aliased" or (finding.code == "near-resonance" and not moved)
             found.append(
                 replace(
                     finding,
-                    severity=finding.severity if moves else "info",
+                    severity="info" if noted else finding.severity,
                     message=f"{record.label}: {finding.message}",
                     samples=(),  # rows of the prediction, not of the record
                     effect="none",
