@@ -152,7 +152,7 @@ class _Channel:
 
 
 def _counted_from_zero(import_map: ImportMap, channels: Mapping[str, _Channel]) -> dict[str, _Channel]:
-    """Channels whose index columns count their rows from 0: where all of them begin at 1 or later, they count from 1."""
+    """Channels whose index columns count from 0: where all of them begin at 1 or later, they count from 1."""
     own = {name: one for name, one in channels.items() if import_map.channels[name].index is not None}
     first = min((int(one.rows[0]) for one in own.values() if len(one.rows)), default=0)
     if first != 1 or not channels.keys() - {"time"} <= own.keys():
