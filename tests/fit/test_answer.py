@@ -14,7 +14,7 @@ import pytest
 from ipmclab import Fit, Run, RunMetadata, identify, import_run, load_actuator, read_fit, simulate, write_fit
 from ipmclab.cli.identify import print_fit
 from ipmclab.cli.output import print_most_important
-from ipmclab.fit.answer import answer_of, digits_of
+from ipmclab.fit.answer import answer_of, digits_of, verdict
 from ipmclab.fit.fit_table import changed
 from ipmclab.fit.in_brief import MOST, WIDTH, in_brief, shortened
 from ipmclab.reporting.notebook import html_of
@@ -99,6 +99,12 @@ def test_a_good_fit_may_be_used(good: Fit, step: Run) -> None:
     assert float(said[1]) == pytest.approx(drawn(step, STEP)["current"][1], rel=0.05)
     assert "known from these readings" not in good.summary()
     assert good.known
+
+
+def test_a_fit_that_missed_other_runs_is_not_said_to_predict(good: Fit) -> None:
+    said = verdict(good, {"current"})
+    assert said.startswith("This fit follows the current of its own runs, but does not predict the current of others (")
+    assert verdict(good, {"force"}) == answer_of(good).verdict
 
 
 def test_what_is_known_stands_beside_what_is_not() -> None:

@@ -236,8 +236,9 @@ def verdict(fit: Fit, missed: Collection[str] = ()) -> str:
     worst, followed = _followed(fit, outputs)
     what = _listed(CHANNELS[name].name for name in outputs)
     use = f"This fit can be used to predict the {what}"
-    if not set(outputs).isdisjoint(missed):
-        use = f"This fit follows the {what} of its own runs, but does not predict others"
+    lost = [CHANNELS[name].name for name in outputs if name in missed]
+    if lost:
+        use = f"This fit follows the {what} of its own runs, but does not predict the {_listed(lost)} of others"
     elif worst is not None and worst > _ROUGH:
         use = f"This fit predicts the {what} only roughly"
     return f"{use} ({followed}); {_of_parameters(fit)}."
