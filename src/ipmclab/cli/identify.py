@@ -147,6 +147,7 @@ def print_fit(
 def print_details(fit: Fit) -> None:
     """Print everything that a fit says."""
     from ipmclab.fit.answer import REFUSED, known_rows, parameter_rows, quantity_of, verdict
+    from ipmclab.fit.in_brief import most_important_first
     from ipmclab.fit.output_diagnosis import WORDS
     from ipmclab.identification.mountings.remarks import remarks
     from ipmclab.quality.scale import CODE as UNIT_OFF
@@ -199,7 +200,9 @@ def print_details(fit: Fit) -> None:
     print_many_runs(fit)
     print_paragraph(f"{'Converged' if fit.converged else 'Did not converge'}: {fit.message}")
     # The sentences above say what is not determined.
-    print_briefly([finding for finding in fit.findings if finding.code not in ("undetermined", UNIT_OFF)])
+    outputs = {name for one in fit.observations for name in one.noise}
+    findings = most_important_first(fit.findings, outputs)
+    print_briefly([finding for finding in findings if finding.code not in ("undetermined", UNIT_OFF)])
 
 
 def fit_document(fit: Fit) -> dict[str, Any]:

@@ -155,18 +155,31 @@ def in_brief(
     >>> str(lines[0]), len(lines), more
     ('error    no current flows for 192 rows: the contact was open', 1, 1)
     """
-
-    def rank(one: Finding) -> tuple[int, int]:
-        if is_aside(one, outputs):
-            return _SEVERITIES.index("warning"), _ASIDE
-        return _SEVERITIES.index(one.severity), _FOLLOWS.get(one.code, 0)
-
-    told = sorted((one for one in consequences_silent(findings, outputs) if one.severity != "info"), key=rank)
+    grave = [one for one in consequences_silent(findings, outputs) if one.severity != "info"]
+    told = most_important_first(grave, outputs)
     lines = [(_line(members, outputs, labels), len(members)) for members in _alike(told, labels)]
     fresh = [(line, count) for line, count in lines if str(line) not in said]
     known = sum(count for line, count in lines if str(line) in said)
     chosen = fresh[:most]
     return tuple(line for line, _ in chosen), len(findings) - known - sum(count for _, count in chosen)
+
+
+def most_important_first(findings: Sequence[Finding], outputs: Collection[str] = ()) -> list[Finding]:
+    """Findings by their severity, then by what they change: causes first, what scales the numbers later, asides last.
+
+    Parameters
+    ----------
+    findings : sequence of Finding
+    outputs : collection of str
+        What was fitted; empty where all count alike.
+    """
+
+    def rank(one: Finding) -> tuple[int, int]:
+        if one.severity != "info" and is_aside(one, outputs):
+            return _SEVERITIES.index("warning"), _ASIDE
+        return _SEVERITIES.index(one.severity), _FOLLOWS.get(one.code, 0)
+
+    return sorted(findings, key=rank)
 
 
 def more_in_words(more: int, where: str) -> str:
@@ -284,7 +297,7 @@ def _plain(finding: Finding) -> str:
             return f"what is left of the {channel} follows the voltage; no stage that was tried explains it"
         case "stage-missing" if "stage" in values:
             share = f"{100.0 * float(values.get('explained') or 0.0):.0f} %"
-            return f"a stage {values['stage']} would explain {share} of what is left of the {channel}"
+            return f"the stage {values['stage']} explains {share} of the {channel}'s residual beyond noise"
         case "above-electrolysis" if "largest_voltage" in values:
             return f"water decomposes at {values['largest_voltage']:.3g} V, and the model has no current for that"
         case "sampling-period-unknown" if "period" in values:

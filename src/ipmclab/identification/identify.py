@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence, Set
 from dataclasses import replace
 from os import PathLike
-from typing import Final
 
 from ipmclab.consistency.of_fit import with_cross_checks
 from ipmclab.errors import InputError
@@ -21,6 +20,7 @@ from ipmclab.identification.environment.remarks import doubtful, water_contradic
 from ipmclab.identification.environment.state_of_run import with_states
 from ipmclab.identification.estimate import estimate
 from ipmclab.identification.mountings.mountings import differ, each_mounting, with_mountings
+from ipmclab.identification.of_records import NOISE, findings_of_records, left_out_of
 from ipmclab.identification.problem.earlier_fit import as_read_before, fitted_runs
 from ipmclab.identification.problem.free import FreeParameters, Prior, parse_free
 from ipmclab.identification.problem.order import Order
@@ -44,12 +44,6 @@ from ipmclab.progress import Tell, part, stage, telling
 from ipmclab.quality.check import check_record
 from ipmclab.quality.record import Record as Checked
 from ipmclab.run import Finding, Run
-
-_NOISE: Final = "nothing but noise"
-_RISES: Final = "current-rises"
-
-_ALWAYS_TOLD: Final = frozenset({"sampling-period-unknown", _RISES})
-"""Findings of a record that are no errors, but on which numbers of the fit hang."""
 
 
 def identify(
@@ -186,15 +180,15 @@ def _identify(
         for record, gone in zip(records, lost, strict=True)
     ]
     left_out = [
-        _left_out(record, which, why)
+        left_out_of(record, which, why)
         for record in records
-        for which, why in ((silent[record.place], _NOISE), (lost[record.place], "no usable reading"))
+        for which, why in ((silent[record.place], NOISE), (lost[record.place], "no usable reading"))
         if which
     ]
     result = estimate(actuator, names, records)
     diagnoses, lacking = _what_it_lacks(actuator, names, result) if diagnosed else ((), ())
     stage("errors and intervals", 0.8, 1.0)
-    told = (*_used_findings(actuator, records, found), *left_out, *result.findings, *lacking)
+    told = (*findings_of_records(actuator, records, found), *left_out, *result.findings, *lacking)
     fit = build_fit(actuator, given, result, told, diagnoses)
     beyond = [*beyond_findings(fit, records), *environment_findings(actuator, given, fit, result)]
     if names.priors:
@@ -316,17 +310,6 @@ def outputs_of_fit(names: FreeParameters) -> tuple[str, ...]:
     return tuple(output for output in READ_OUTPUTS if output in chosen)
 
 
-def _left_out(record: PreparedRun, which: Set[str], why: str) -> Finding:
-    listed, verb = " and ".join(sorted(which)), "was" if len(which) == 1 else "were"
-    return Finding(
-        "channel-left-out",
-        "info" if why == _NOISE else "warning",  # check warns of noise, and nothing is lost by leaving it out
-        f"{record.label}: {listed} held {why} and {verb} left out of the fit",
-        "check that the instrument was connected and in range",
-        channel=min(which) if len(which) == 1 else None,
-    )
-
-
 def _need_readings(
     names: FreeParameters, given: Sequence[Run], records: Sequence[PreparedRun], silent: Sequence[Set[str]]
 ) -> None:
@@ -375,34 +358,3 @@ def _need_readings(
 
 def _shows(record: PreparedRun, channels: Sequence[str]) -> bool:
     return any(record.readings[channel].exact.any() for channel in channels if channel in record.readings)
-
-
-def _used_findings(
-    actuator: Actuator, records: Sequence[PreparedRun], found: Sequence[Sequence[Finding]]
-) -> tuple[Finding, ...]:
-    """Findings of the records that change what enters the fit, or what to think of it, with the run they belong to."""
-    explained = {_RISES} if actuator.structure.slow_leak else set()
-    return tuple(
-        _in_fit(finding, record.label)
-        for record, findings in zip(records, found, strict=True)
-        for finding in findings
-        if finding.code not in explained
-        and (
-            finding.severity == "error"
-            or (finding.channel == "voltage" and finding.samples)  # it drives the model
-            or (
-                (finding.effect != "none" or finding.code in _ALWAYS_TOLD)
-                and (finding.channel is None or finding.channel in record.readings)
-            )
-        )
-    )
-
-
-def _in_fit(finding: Finding, label: str) -> Finding:
-    """A finding of a record as a fit says it: where the contact was missing, the fit has the voltage at 0."""
-    late = finding.code == "contact-missing"
-    return replace(
-        finding,
-        severity="warning" if late else finding.severity,
-        message=f"{label}: {finding.message}{'; the fit takes the voltage as 0 V there' if late else ''}",
-    )

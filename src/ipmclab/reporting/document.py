@@ -16,6 +16,7 @@ from markupsafe import Markup, escape
 from ipmclab.errors import InputError
 from ipmclab.fit.answer import REFUSED
 from ipmclab.fit.answer import verdict as verdict_of
+from ipmclab.fit.in_brief import most_important_first
 from ipmclab.identification.mountings.remarks import averages
 from ipmclab.model.validity import CODES as VALIDITY_CODES
 from ipmclab.model.validity import SMALL_BENDING
@@ -147,7 +148,10 @@ def html(
         validation=_validation_part(validations),
         fit_rows=tables.fit_rows(fit, fitted),
         # What is undetermined stands under the parameters already.
-        fit_findings=[finding for finding in fit.findings if finding.code != "undetermined"],
+        fit_findings=most_important_first(
+            [finding for finding in fit.findings if finding.code != "undetermined"],
+            {name for one in fit.observations for name in one.noise},
+        ),
         fit_figures=[
             *(_fit_picture(*each) for each in zip(range(len(runs)), runs, labels, fitted, strict=True)),
             *_shapes(fit.actuator, list(zip(runs, labels, fitted, strict=True)), "fit-shape"),

@@ -83,7 +83,10 @@ def _findings(actuator: Actuator, every: Sequence[Left], tried: Sequence[Tried],
 
 def _missing(actuator: Actuator, chosen: Sequence[Tried], fixed: str) -> Finding:
     best, *others = chosen
-    output = max(best.shares, key=lambda one: best.shares[one])
+    # A relaxing displacement lets the circuit of a joint fit go back to the current, yet the displacement shows it.
+    outputs = kind_named(best.stage).outputs
+    own = [one for one, share in best.shares.items() if one in outputs and share > 0.0] or [*best.shares]
+    output = max(own, key=lambda one: best.shares[one])
     explained = best.shares[output]
     also = "".join(f"; as well, {kind_named(one.stage).shows}: {one.stage}" for one in others)
     models = " or ".join(f"{actuator.name}+{one.stage}" for one in chosen)
