@@ -65,8 +65,8 @@ def good(step: Run) -> Fit:
     ("name", "rows", "starts", "causes"),
     [
         ("step_1V", 1635, "Do not use this fit: the record of the current is wrong, as the first", ["contact-lost"]),
-        ("step_2V_poor", None, "This fit can be used to predict the current (residual 3", []),
-        ("step_3V", None, "This fit", ["contact-missing", "current-rises"]),
+        ("step_2V_poor", None, "This fit can be used to predict the current (residual 4", []),
+        ("step_3V", None, "This fit predicts the current only roughly", ["contact-missing", "current-rises"]),
     ],
 )
 def test_a_real_record(name: str, rows: int | None, starts: str, causes: list[str], real_runs: Path) -> None:

@@ -239,7 +239,7 @@ def verdict(fit: Fit, missed: Collection[str] = ()) -> str:
     lost = [CHANNELS[name].name for name in outputs if name in missed]
     if lost:
         use = f"This fit follows the {what} of its own runs, but does not predict the {_listed(lost)} of others"
-    elif worst is not None and worst > _ROUGH:
+    elif (worst is not None and worst > _ROUGH) or any(one.code in IMPOSSIBLE for one in fit.findings):
         use = f"This fit predicts the {what} only roughly"
     return f"{use} ({followed}); {_of_parameters(fit)}."
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
+from ipmclab.identification.environment.remarks import EXTRAPOLATED
 from ipmclab.prediction.open_coupling import NOT_IDENTIFIED
 from ipmclab.prediction.scores import score
 from ipmclab.prediction.validate import RunValidation, Validation
@@ -61,7 +62,11 @@ displacement with a fit of 99.0 % and force with a fit of 99.0 %.
         if pooled is not None:
             predicted[output] = pooled
     if predicted:
-        met = [one for one in fresh if any((one.scores[name].fit_percent or 0.0) > 0.0 for name in one.scores)]
+        met = [
+            one
+            for one in fresh
+            if any((one.scores[name].fit_percent or 0.0) > 0.0 for name in outputs if name in one.scores)
+        ]
         told = _listed([f"{CHANNELS[name].name} with a fit of {percent(fit)}" for name, fit in predicted.items()])
         sentences.append(f"From its voltage alone the model predicts {_runs(met)} that it never saw: {told}.")
     if missed:
@@ -83,15 +88,32 @@ displacement with a fit of 99.0 % and force with a fit of 99.0 %.
             "Displacement and force are not judged: the fit did not identify the coupling, so the file's own values "
             "predict them."
         )
+    beyond = [
+        one.label
+        for one in fresh
+        if any(
+            said.code == EXTRAPOLATED and said.message.startswith(f"{one.label} is at") for said in validation.findings
+        )
+    ]
+    if beyond:
+        sentences.append(
+            f"{_listed(beyond)} {_was(beyond)} recorded in an environment outside that of the fit: the scores are those "
+            "of an extrapolation."
+        )
     used = [one.label for one in validation.runs if one.used_in_fit]
     if used:
-        was = "was" if len(used) == 1 else "were"
-        sentences.append(f"{_listed(used)} {was} used to identify it: those scores show the fit, not a prediction.")
+        sentences.append(
+            f"{_listed(used)} {_was(used)} used to identify it: those scores show the fit, not a prediction."
+        )
     return Verdict(predicted, tuple(missed), tuple(sentences))
 
 
 def _runs(runs: Sequence[RunValidation]) -> str:
     return f"{len(runs)} run{'s' if len(runs) > 1 else ''}"
+
+
+def _was(names: Sequence[str]) -> str:
+    return "was" if len(names) == 1 else "were"
 
 
 def _listed(items: Iterable[str]) -> str:
