@@ -97,8 +97,8 @@ displacement with a fit of 99.0 % and force with a fit of 99.0 %.
     ]
     if beyond:
         sentences.append(
-            f"{_listed(beyond)} {_was(beyond)} recorded in an environment outside that of the fit: the scores are those "
-            "of an extrapolation."
+            f"{_listed(beyond)} {_was(beyond)} recorded in an environment outside that of the fit: the scores are "
+            "those of an extrapolation."
         )
     used = [one.label for one in validation.runs if one.used_in_fit]
     if used:
