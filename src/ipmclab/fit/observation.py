@@ -32,8 +32,7 @@ class Observation:
     noise : mapping of output to float [SI]
         Standard deviation of the residuals.
     span : mapping of output to float [SI]
-        Largest less smallest of the readings that entered, each the median of three; of a file of an earlier version
-        empty.
+        Largest less smallest of the readings that entered; of a file of an earlier version empty.
     samples : mapping of output to int
         Readings that entered the fit.
     series_resistance : float [ohm]

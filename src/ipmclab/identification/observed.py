@@ -10,7 +10,6 @@ import numpy.typing as npt
 
 from ipmclab.fit.observation import Observation
 from ipmclab.fit.run_state import RunState
-from ipmclab.fit.span import span_of
 from ipmclab.identification.noise.correlate import Correlated
 from ipmclab.identification.problem.order import Order
 from ipmclab.identification.problem.problem import Problem
@@ -55,7 +54,7 @@ def observation(
             for output in record.readings
         },
         samples={output: int(np.count_nonzero(reading.used)) for output, reading in record.readings.items()},
-        span={name: span_of(one.values[one.used]) for name, one in record.readings.items() if one.used.any()},
+        span={name: float(np.ptp(one.values[one.used])) for name, one in record.readings.items() if one.used.any()},
         series_resistance=record.series_resistance,
         noise_model={output: model for (at, output), model in correlated.noise.items() if at == place},
         mounting=record.run.metadata.mounting_id or "",

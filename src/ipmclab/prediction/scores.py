@@ -10,8 +10,6 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.fit.span import ends_of
-
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
 
@@ -43,7 +41,7 @@ class Score:
     rmse : float or None [SI unit of the output]
         Root of the mean squared error.
     rmse_percent_of_range : float or None [percent]
-        RMSE over the largest minus the smallest measured value, each the median of three (``fit.span``).
+        RMSE over the largest minus the smallest measured value.
     max_error : float or None [SI unit of the output]
         Largest absolute error.
     max_error_sample : int or None
@@ -165,9 +163,9 @@ def score(output: str, comparisons: Sequence[Comparison]) -> Score:
     used = [one for one in comparisons if one.used.any()]
     squared = sum(float(np.sum(one.error[one.used] ** 2)) for one in used)
     spread = sum(float(np.sum((one.measured[one.used] - one.measured[one.used].mean()) ** 2)) for one in used)
-    ends = [ends_of(one.measured[one.used]) for one in used]
+    values = np.concatenate([one.measured[one.used] for one in used])
     banded = [np.abs(one.error[one.used]) <= one.reach[one.used] for one in used if one.reach is not None]
-    extent = max(high for _, high in ends) - min(low for low, _ in ends)
+    extent = float(np.ptp(values))
     rmse = math.sqrt(squared / samples)
     judged = len(comparisons) == 1 and rmse >= ROUNDING * extent
     correlation, band = autocorrelation(comparisons[0].error) if judged else (np.empty(0), np.empty(0))
