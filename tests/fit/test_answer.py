@@ -65,7 +65,7 @@ def good(step: Run) -> Fit:
     ("name", "rows", "starts", "causes"),
     [
         ("step_1V", 1635, "Do not use this fit: the record of the current is wrong, as the first", ["contact-lost"]),
-        ("step_2V_poor", None, "This fit can be used to predict the current (residual 4", []),
+        ("step_2V_poor", None, "This fit can be used to predict the current (residual 3", []),
         ("step_3V", None, "This fit predicts the current only roughly", ["contact-missing", "current-rises"]),
     ],
 )

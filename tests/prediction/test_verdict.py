@@ -66,5 +66,6 @@ def test_a_run_of_the_fit_has_one_score_wherever_it_is_said(strip: Actuator) -> 
     assert of_run.fit_percent == pytest.approx(of_fit.fit_percent, abs=1e-6)
     assert of_run.rmse_percent_of_range == pytest.approx(of_fit.rmse_percent_of_range, rel=1e-6)
     # And what the verdict of the fit says: the residual over the range of the readings.
-    span, residual = float(np.ptp(read)), fit.observations[0].noise["current"]
-    assert of_run.rmse_percent_of_range == pytest.approx(100.0 * residual / span, rel=0.02)
+    observation = fit.observations[0]
+    told = 100.0 * observation.noise["current"] / observation.span["current"]
+    assert of_run.rmse_percent_of_range == pytest.approx(told, rel=0.02)

@@ -47,8 +47,8 @@ def verdict_of(validation: Validation, percent: Callable[[float], str] = "{:.1f}
     >>> strip = load_actuator("friend-2")
     >>> run = simulate(strip, "square 1 V 0.1 Hz", duration=20.0, rate=50.0)
     >>> print(*verdict_of(validate(strip.replace(**{"circuit.dc_resistivity": 40.0}), run)).sentences)
-    From its voltage alone the model predicts 1 run that it never saw: current with a fit of 93.0 %, \
-displacement with a fit of 100.0 % and force with a fit of 100.0 %.
+    From its voltage alone the model predicts 1 run that it never saw: current with a fit of 99.1 %, \
+displacement with a fit of 99.0 % and force with a fit of 99.0 %.
     """
     fresh = [one for one in validation.runs if not one.used_in_fit]
     guessed = any(one.code == NOT_IDENTIFIED for one in validation.findings)
