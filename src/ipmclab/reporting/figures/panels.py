@@ -78,7 +78,7 @@ def band(
 
 
 def scale_to_lines(panel: Axes) -> None:
-    """Scale a panel to its lines: of a band that is wider, as much as half of what they span stands beside them."""
+    """Scale a panel to its lines; a wider band is shown up to half of their span on either side."""
     ends = [end for line in panel.lines for end in _ends(np.asarray(line.get_ydata(), dtype=float))]
     if not ends:
         return
