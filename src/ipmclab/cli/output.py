@@ -116,7 +116,7 @@ def print_lines(headers: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
 
 
 def print_paragraph(text: str) -> None:
-    """Print a text in lines of readable length; a number stays beside its percent sign."""
+    """Print a text in lines of readable length; a number and its percent sign stay on one line."""
     bound = textwrap.fill(text.replace(" %", "\u00a0%"), min(console().width, TEXT_WIDTH))
     print(bound.replace("\u00a0", " "))
 

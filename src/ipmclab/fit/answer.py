@@ -100,7 +100,7 @@ class Answer:
 
     @property
     def rows(self) -> tuple[tuple[Row, ...], tuple[Row, ...]]:
-        """The parameters, and what is known beside one that is not determined; nothing of a fit of no use."""
+        """The parameters, and what is known where one is not determined; nothing of a fit of no use."""
         if self.is_refused:
             return (), ()
         return self.parameters, () if all(row.determined for row in self.parameters) else self.known

@@ -143,7 +143,7 @@ def open_ends(unknown: Unknown) -> tuple[float, float]:
 
 
 def has_open_end(unknown: Unknown, interval: tuple[float, float]) -> bool:
-    """Whether nothing limits a parameter on one side: a value beside such an interval would say more than is known."""
+    """Whether nothing limits a parameter on one side: a value would say more than is known."""
     return math.isinf(interval[0]) or math.isinf(interval[1]) or (unknown.log and interval[0] == 0.0)
 
 
