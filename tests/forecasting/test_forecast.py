@@ -63,6 +63,15 @@ def test_the_planned_voltage_is_followed_and_the_end_of_a_run_too() -> None:
     assert late.time[-1] == pytest.approx(88.0, abs=1.0 / RATE)
 
 
+def test_a_forecast_says_of_what_it_is_made() -> None:
+    truth, run = wandering(3, strength=1e-7)
+    ahead = forecast(truth, run, origin=60.0)
+    largest = max(ahead.weights, key=lambda name: ahead.weights[name])
+    assert f"({100 * ahead.weights[largest]:.0f} %)" in ahead.made_of
+    held = replace(ahead, weights={**dict.fromkeys(ahead.weights, 0.0), "hold": 1.0})
+    assert held.made_of.startswith("This forecast only holds the last value (weight 100 %)")
+
+
 def test_a_jump_of_the_rate_is_followed_and_a_spike_in_it_is_not() -> None:
     truth, run = wandering(3, strength=1e-7)
     assert run.displacement is not None

@@ -21,7 +21,7 @@ from ipmclab.quality import check
 from ipmclab.reporting import before_and_after, characteristic, overview, plot
 from ipmclab.reporting.decimate import decimate
 from ipmclab.reporting.figures.frequency import frequency_figure
-from ipmclab.reporting.figures.panels import band, stacked
+from ipmclab.reporting.figures.panels import band, curve, scale_to_lines, stacked
 from ipmclab.reporting.figures.runs import runs_figure
 from ipmclab.reporting.svg import inline_svg
 
@@ -199,6 +199,19 @@ def test_before_and_after_show_the_same_readings_and_both_models() -> None:
         assert np.abs(np.subtract(left.lines[1].get_ydata(), left.lines[0].get_ydata())).max() > 0.01
     with pytest.raises(InputError, match="to hold a model against"):
         before_and_after([], start, truth)
+
+
+@pytest.mark.parametrize(("reach", "low", "high"), [(1.0, -1.5, 2.5), (0.1e-3, -0.2, 1.2)])
+def test_a_wide_band_does_not_set_the_scale(reach: float, low: float, high: float) -> None:
+    """Lines from 0 to 1 mm: of a band of metres half a millimetre is seen on either side, of a narrow one all."""
+    time = np.arange(11.0)
+    _, (panel,) = stacked([2.0])
+    curve(panel, "displacement", time, 1e-4 * time)
+    band(panel, "displacement", time, 1e-4 * time, np.full(11, reach))
+    scale_to_lines(panel)
+    bottom, top = panel.get_ylim()
+    assert low < bottom < 0.0
+    assert 1.0 < top < high
 
 
 @pytest.mark.parametrize("count", [10, 1000])

@@ -163,8 +163,12 @@ def test_a_prediction_worse_than_a_constant_is_called_a_failure(material, tmp_pa
     told = Page(path.read_text("utf-8")).text
     assert re.search(r"never saw: current with a fit of \d\d\.\d+\s%\.", told)
     assert re.search(
-        r"It fails to predict displacement \(−\d+\.\d\s%\) in 1 run: a constant would have been nearer", told
+        r"It does not predict the displacement of square 1 V \S+ Hz \(−\d+\.\d\s%\): a constant would have been nearer",
+        told,
     )
+    assert (
+        "This fit can be used to predict the current and force" in told
+    )  # the displacement was not among its readings
 
 
 def test_a_run_of_the_fit_is_no_prediction(material, tmp_path) -> None:
@@ -205,7 +209,7 @@ def test_a_validation_that_shows_nothing_is_a_doubt(material, tmp_path) -> None:
     fit = replace(material.fit, parameters=determined)
     silent = replace(material.validation_runs[0], current=np.zeros(600), displacement=None)
     for name, runs, words in (
-        ("silent", [silent], "Nothing could be scored in 1 run kept for validation"),
+        ("silent", [silent], "Nothing could be scored in 1 run that the model never saw"),
         ("used", material.runs[:1], "those scores show the fit"),
         ("fresh", material.validation_runs, "it never saw"),
     ):

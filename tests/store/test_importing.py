@@ -306,6 +306,17 @@ class TestMeaning:
         with pytest.raises(InputError, match="2 rows are numbered up to 1020"):
             self.run(tmp_path, text.format(1020), channels=indexed)
 
+    def test_row_numbers_may_count_from_one(self, tmp_path: Path) -> None:
+        current = {"column": "I", "index": "n", "unit": "A"}
+        both = {"voltage": {"column": "U", "index": "n", "unit": "V"}, "current": current}
+        text = "n,U,I\n{},0,7\n{},0,8\n{},1,9\n"
+        from_zero, from_one = (self.run(tmp_path, text.format(*rows), channels=both) for rows in ((0, 1, 2), (1, 2, 3)))
+        np.testing.assert_array_equal(from_one.current, from_zero.current)
+        np.testing.assert_array_equal(from_one.time, from_zero.time)
+        # Beside a voltage that has every row, an index that begins at 1 says that a channel lacks the first.
+        alone = self.run(tmp_path, "n,U,I\n1,0,7\n2,1,8\n,1,\n", channels={"current": current})
+        np.testing.assert_array_equal(alone.current, [np.nan, 7, 8])
+
     def test_other_repairs(self, tmp_path: Path) -> None:
         good = make_map({"format": "csv"})
         with pytest.raises(InputError, match="no such file; see where the record was saved"):

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from ipmclab import Run, identify, leave_one_run_out, load_actuator, profile, simulate, write_run
+from ipmclab.errors import InputError
 from ipmclab.store.run_file import read_run
 from ipmclab.workflows import fitting
 from ipmclab.workflows.fitting import fit_of_runs
@@ -64,6 +65,27 @@ def test_who_interrupts_what_follows_keeps_the_fit(runs: list[Run], at: str, pro
     assert "not-followed" in {finding.code for finding in fit.findings}
     assert (bool(fit.profiles), fit.left_out) == (profiled, ())
     assert fit.parameters[FREE[0]].value == identify(STRIP, runs, free=FREE).parameters[FREE[0]].value
+
+
+@pytest.mark.parametrize(("what", "factor"), [("current", 1000.0), ("current", 0.001), ("time", 1000.0)])
+def test_a_wrong_unit_is_refused_before_any_search(
+    runs: list[Run], monkeypatch: pytest.MonkeyPatch, what: str, factor: float
+) -> None:
+    """What cannot be a reading is said alone; who knows that it is one gets the fit, and no quantity as known."""
+    wrong = replace(runs[0], **{what: factor * getattr(runs[0], what)})
+    with monkeypatch.context() as patched:
+        patched.setattr(fitting, "identify", lambda *_, **__: pytest.fail("it searches"))
+        with pytest.raises(InputError, match=f"b: the {what} is about 1000 times too .* identify --anyway") as raised:
+            fit_of_runs(STRIP, [runs[1], wrong], free=FREE, labels=["a", "b"])
+    assert raised.value.code == "unit-off"
+    fit = fit_of_runs(STRIP, [runs[1], wrong], free=FREE, labels=["a", "b"], anyway=True)
+    assert fit.findings[0].code == "unit-off"
+    assert fit.known == ()
+    # A channel that the fit does not read does not stop it.
+    moved = replace(
+        runs[0], displacement=1e3 * np.asarray(simulate(STRIP, "step 1 V", duration=10, rate=20).displacement)
+    )
+    assert fit_of_runs(STRIP, [moved], free=FREE).converged
 
 
 def test_what_takes_long_is_asked_for(runs: list[Run], monkeypatch: pytest.MonkeyPatch) -> None:

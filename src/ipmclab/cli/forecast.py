@@ -8,7 +8,16 @@ import typer
 
 from ipmclab.cli.files import fit_or_actuator, read_runs
 from ipmclab.cli.options import Json, RunFile
-from ipmclab.cli.output import finding_document, print_findings, print_json, print_table, progress, read, with_unit
+from ipmclab.cli.output import (
+    finding_document,
+    print_findings,
+    print_json,
+    print_paragraph,
+    print_table,
+    progress,
+    read,
+    with_unit,
+)
 from ipmclab.errors import InputError
 from ipmclab.units import CHANNELS, TIME, parse_quantity
 
@@ -72,5 +81,6 @@ def forecast(
     ]
     title = f"{channel} after {read(found.origin, TIME)}"
     print_table(["time", "expected", f"{100 * found.level:.0f} % from", "to"], rows, title=title)
+    print_paragraph(found.made_of)
     if found.findings:
         print_findings(found.findings)

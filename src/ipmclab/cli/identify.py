@@ -58,6 +58,9 @@ def identify(
         bool,
         typer.Option("--thorough", help="Follow profiles and leave out each run where that takes long too."),
     ] = False,
+    anyway: Annotated[
+        bool, typer.Option("--anyway", help="Fit readings whose unit seems to be off by a factor of 1000 as they are.")
+    ] = False,
     each_strip: Annotated[
         bool, typer.Option("--each-strip", help="Fit each strip (sample) of the runs by itself, to files in --out.")
     ] = False,
@@ -78,7 +81,7 @@ def identify(
         from ipmclab.workflows.many_strips import Asked
 
         identify_each(
-            Asked(load_actuator(actuator), free, per_run, per_mounting, prior, thorough),
+            Asked(load_actuator(actuator), free, per_run, per_mounting, prior, thorough, anyway),
             read_runs(runs),
             out,
             reads=[*actuator_files(actuator), *runs],
@@ -108,6 +111,7 @@ def identify(
             per_mounting=per_mounting,
             prior=prior,
             thorough=thorough,
+            anyway=anyway,
             progress=tell,
         )
         write_fit(fit, out, overwrite=force)
@@ -142,43 +146,42 @@ def print_fit(
 
 def print_details(fit: Fit) -> None:
     """Print everything that a fit says."""
-    from ipmclab.fit.answer import digits_of, known_rows, verdict
+    from ipmclab.fit.answer import REFUSED, known_rows, parameter_rows, quantity_of, verdict
+    from ipmclab.fit.in_brief import most_important_first
     from ipmclab.fit.output_diagnosis import WORDS
     from ipmclab.identification.mountings.remarks import remarks
     from ipmclab.quality.scale import CODE as UNIT_OFF
 
+    print_paragraph(verdict(fit))
     print_briefly([finding for finding in fit.findings if finding.code == UNIT_OFF])
-    known = fit.actuator.parameters()
     said = remarks(fit)
     next_known = any(parameter.interval_next_mounting for parameter in fit.parameters.values())
     rows = []
-    for name, parameter in fit.parameters.items():
-        base = known.get(name.partition("[")[0])
-        factor = base.quantity.to_display(1.0) if base is not None else 1.0
-        value, low, high = (factor * number for number in (parameter.value, *parameter.interval))
-        digits = digits_of(value, high - low)
-        following = parameter.interval_next_mounting
-        ends = [significant(factor * end, 3) for end in following] if following else ["-"]
+    for row, (name, parameter) in zip(parameter_rows(fit), fit.parameters.items(), strict=True):
+        quantity, following = quantity_of(fit, name), parameter.interval_next_mounting
+        ends = [significant(end if quantity is None else quantity.to_display(end), 3) for end in following or ()]
         rows.append(
             [
                 name,
-                significant(value, digits) if parameter.determined else "not determined",
-                f"{significant(low, digits)} to {significant(high, digits)}",
-                *([" to ".join(ends)] if next_known else []),
-                base.quantity.display_unit if base is not None else parameter.unit,
+                row.value,
+                row.interval,
+                *([" to ".join(ends) or "-"] if next_known else []),
+                row.unit,
                 collinearity(fit, name),
                 said[name],
             ]
         )
     intervals = ["95 % interval", *(["next mounting"] if next_known else [])]
     print_table(["parameter", "value", *intervals, "unit", "collinearity", ""], rows)
-    if fit.known:
+    if fit.known and not verdict(fit).startswith(REFUSED):
         print_table(
             ["known from these readings", "value", "95 % interval", "unit", ""],
             [[row.name, row.value, row.interval, row.unit, row.remark] for row in known_rows(fit)],
         )
+    if fit.undetermined:
+        print("These runs leave open:")
     for direction in fit.undetermined:
-        print_paragraph(f"Not determined: {direction.sentence}")
+        print_paragraph(f"- {direction.sentence}")
     print_profiles(fit)
     print_collinear(fit)
     left = {(one.label, one.output): WORDS[one.verdict] for one in fit.diagnoses}
@@ -196,9 +199,10 @@ def print_details(fit: Fit) -> None:
     print_table(["run", "output", "residual", "samples", "what is left"], noise)
     print_many_runs(fit)
     print_paragraph(f"{'Converged' if fit.converged else 'Did not converge'}: {fit.message}")
-    print_paragraph(verdict(fit))
     # The sentences above say what is not determined.
-    print_briefly([finding for finding in fit.findings if finding.code not in ("undetermined", UNIT_OFF)])
+    outputs = {name for one in fit.observations for name in one.noise}
+    findings = most_important_first(fit.findings, outputs)
+    print_briefly([finding for finding in findings if finding.code not in ("undetermined", UNIT_OFF)])
 
 
 def fit_document(fit: Fit) -> dict[str, Any]:

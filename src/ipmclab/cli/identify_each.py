@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from ipmclab.cli.files import check_output
-from ipmclab.cli.output import print_json, print_table, progress, significant
+from ipmclab.cli.output import print_json, print_table, progress
 from ipmclab.errors import InputError, IpmclabError
 from ipmclab.platform import is_device
 
@@ -80,16 +80,11 @@ def identify_each(
 
 
 def _print(fits: dict[str, Fit], paths: dict[str, Path]) -> None:
-    rows = []
-    for name, fit in fits.items():
-        known = fit.actuator.parameters()
-        for parameter, one in fit.parameters.items():
-            base = known.get(parameter.partition("[")[0])
-            factor = base.quantity.to_display(1.0) if base is not None else 1.0
-            low, high = (significant(factor * end, 4) for end in one.interval)
-            value = significant(factor * one.value, 5) if one.determined else "not determined"
-            unit = base.quantity.display_unit if base is not None else one.unit
-            rows.append([name, parameter, value, f"{low} to {high}", unit])
+    from ipmclab.fit.answer import parameter_rows
+
+    rows = [
+        [name, row.name, row.value, row.interval, row.unit] for name, fit in fits.items() for row in parameter_rows(fit)
+    ]
     if rows:
         print_table(["strip", "parameter", "value", "95 % interval", "unit"], rows)
     for name in fits:

@@ -116,8 +116,9 @@ def print_lines(headers: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
 
 
 def print_paragraph(text: str) -> None:
-    """Print a text in lines of readable length."""
-    print(textwrap.fill(text, min(console().width, TEXT_WIDTH)))
+    """Print a text in lines of readable length; a number and its percent sign stay on one line."""
+    bound = textwrap.fill(text.replace(" %", "\u00a0%"), min(console().width, TEXT_WIDTH))
+    print(bound.replace("\u00a0", " "))
 
 
 def print_remarks(texts: Sequence[str], word: str = "remark") -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
@@ -14,6 +14,7 @@ from ipmclab.cli.output import (
     finding_document,
     print_json,
     print_most_important,
+    print_paragraph,
     print_table,
     progress,
     read,
@@ -24,6 +25,9 @@ from ipmclab.units import CHANNELS, TIME
 if TYPE_CHECKING:
     from ipmclab.prediction.scores import Score
     from ipmclab.prediction.validate import Validation
+
+
+_ALL: Final = "all runs"
 
 
 def validate(
@@ -63,32 +67,39 @@ def print_validations(
     where: str = "--details",
 ) -> None:
     """Print the scores of one or several actuators on the same runs, side by side; ``where`` other findings stand."""
+    from ipmclab.prediction.verdict import verdict_of
+
     places = [
         (label, [validation.runs[index].scores for validation in validations])
         for index, label in enumerate(labels(runs))
     ]
     if len(runs) > 1:
-        places.append(("all runs", [validation.scores for validation in validations]))
+        places.append((_ALL, [validation.scores for validation in validations]))
     headers = ["run", "output", "fit", "RMSE", "of range", "largest error", "at", "lags outside"]
     if any(score.inside_band is not None for _, of_each in places for scores in of_each for score in scores.values()):
         headers.append("in 95 % band")
-    rows, missing = [], []
+    rows: list[list[str]] = []
+    missing: dict[tuple[str, str], list[str]] = {}
     for place, of_each in places:
         for output in of_each[0]:
             for name, scores in zip(names, of_each, strict=True):
                 score = scores[output]
                 if score.fit_percent is None:
-                    missing.append(f"No score of {CHANNELS[output].name} in {place}: {score.reason}.")
+                    missing.setdefault((CHANNELS[output].name, score.reason), []).append(place)
                 else:
                     cells = _cells(score)[: len(headers) - 2]
                     rows.append([place, CHANNELS[output].name, *cells, *([name] if len(names) > 1 else [])])
     if rows:
         print_table(headers + (["actuator"] if len(names) > 1 else []), rows)
-    for line in dict.fromkeys(missing):
-        print(line)
+    for (output, reason), where_missing in missing.items():
+        of_runs = ", ".join(dict.fromkeys(place for place in where_missing if place != _ALL))
+        print_paragraph(f"No score of {output} in {of_runs or _ALL}: {reason}.")
     for name, validation in zip(names, validations, strict=True):
-        if validation.findings:
+        verdict = verdict_of(validation)
+        if validation.findings or verdict.sentences:
             print(f"{name}:")
+            for sentence in verdict.sentences:
+                print_paragraph(sentence)
             told = [one.label for one in validation.runs]
             print_most_important(validation.findings, details=details, labels=told, where=where)
 
@@ -116,8 +127,11 @@ def _cells(score: Score) -> list[str]:
 
 def validation_document(name: str, validation: Validation, runs: Sequence[Path]) -> dict[str, Any]:
     """A validation as it stands in a JSON document; ``name`` is what the user called the actuator."""
+    from ipmclab.prediction.verdict import verdict_of
+
     document: dict[str, Any] = validation.as_dict() | {"actuator": name}
     document["runs"] = [{"run": path} | run for path, run in zip(runs, document["runs"], strict=True)]
     document["warnings"] = _warnings(validation)
+    document["verdict"] = verdict_of(validation).sentences
     document["findings"] = [finding_document(finding) for finding in validation.findings]
     return document

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 from ipmclab.consistency.capacitance import CODE as CAPACITANCE
@@ -10,6 +10,7 @@ from ipmclab.consistency.cross_check import cross_check
 from ipmclab.consistency.noisy_voltage import noisy_voltage
 from ipmclab.fit.fit import Fit
 from ipmclab.fit.fit_table import changed, with_findings
+from ipmclab.model import Actuator
 from ipmclab.quality import check
 from ipmclab.quality.scale import CODE as UNIT_OFF
 from ipmclab.run import Finding, Run
@@ -27,28 +28,30 @@ def with_cross_checks(fit: Fit, runs: Sequence[Run]) -> Fit:
     runs : sequence of Run
         From which it was made.
     """
-    off = [finding for finding in units_off(fit, runs) if finding.channel in (None, *fitted_outputs(fit))]
+    read = {output for observation in fit.observations for output in observation.samples}
+    off = [
+        replace(finding, message=f"{observation.label}: {finding.message}")
+        for observation, run in zip(fit.observations, runs, strict=True)
+        for finding in units_off(fit.actuator, run, read)
+    ]
     if off:
         kept = [one for one in fit.findings if one.effect != "none" and one.code != UNIT_OFF]
         ended = f"{fit.message.partition(', but ')[0]}, but errors contradict this fit (see the findings {UNIT_OFF})"
-        return changed(fit, findings=(*off, *kept), diagnoses=(), message=ended)
+        return changed(fit, findings=(*off, *kept), diagnoses=(), known=(), message=ended)
     conflicts = [_said_of_the_file(one, fit, runs) for one in cross_check(fit.actuator, runs, fit=fit)]
     return with_findings(fit, [*conflicts, *noisy_voltage(fit, runs)])
 
 
-def units_off(fit: Fit, runs: Sequence[Run]) -> list[Finding]:
-    """Units that are off by what the dimensions of the strip allow, each with its run."""
-    return [
-        replace(finding, message=f"{observation.label}: {finding.message}")
-        for observation, run in zip(fit.observations, runs, strict=True)
-        for finding in check(run, fit.actuator)
-        if finding.code == UNIT_OFF
-    ]
+def units_off(actuator: Actuator, run: Run, outputs: Collection[str]) -> list[Finding]:
+    """The ``unit-off`` of the clock of a run and of some of its channels, by the dimensions of the strip.
 
-
-def fitted_outputs(fit: Fit) -> set[str]:
-    """The channels that the fit has read."""
-    return {output for observation in fit.observations for output in observation.samples}
+    Parameters
+    ----------
+    actuator : Actuator
+    run : Run
+    outputs : collection of str
+    """
+    return [one for one in check(run, actuator) if one.code == UNIT_OFF and one.channel in (None, *outputs)]
 
 
 def _said_of_the_file(finding: Finding, fit: Fit, runs: Sequence[Run]) -> Finding:

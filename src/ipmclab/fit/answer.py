@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import textwrap
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
@@ -42,6 +42,11 @@ _DOUBTS: Final = (
     *IMPOSSIBLE,
 )
 _ROUGH: Final = 15.0  # percent of the range, from which nobody calls a curve followed
+_DRIFTS: Final = {
+    "current": Quantity("drift of the current", "A/s", "uA/s"),
+    "displacement": Quantity("drift of the displacement", "m/s", "um/s"),
+    "force": Quantity("drift of the force", "N/s", "uN/s"),
+}
 _NO_BREAK: Final = "\u00a0"
 _ALL: Final = {2: "both"}
 _SHOWN: Final = 3  # residuals that a sentence lists
@@ -89,9 +94,16 @@ class Answer:
     more: int
 
     @property
-    def shows_known(self) -> bool:
-        """Whether what is known stands in the short answer."""
-        return bool(self.known) and not all(row.determined for row in self.parameters)
+    def is_refused(self) -> bool:
+        """Whether the fit is of no use: its numbers do not stand in the short answer."""
+        return self.verdict.startswith(REFUSED)
+
+    @property
+    def rows(self) -> tuple[tuple[Row, ...], tuple[Row, ...]]:
+        """The parameters, and what is known where one is not determined; nothing of a fit of no use."""
+        if self.is_refused:
+            return (), ()
+        return self.parameters, () if all(row.determined for row in self.parameters) else self.known
 
     def __str__(self) -> str:
         return self.text()
@@ -101,13 +113,14 @@ class Answer:
 
         Sentences and findings have at most 100 columns, a row of the table as many as its names need.
         """
-        rows = list(self.parameters)
-        lines = _lines(rows, self.known if self.shows_known else ())
+        lines = [] if self.is_refused else _lines(*self.rows)
         # A number stays beside its percent sign, and the name of a file whole.
         bound = self.verdict.replace(" %", f"{_NO_BREAK}%")
         lines += [line.replace(_NO_BREAK, " ") for line in textwrap.wrap(bound, WIDTH, break_on_hyphens=False)]
         lines += [str(one) for one in self.findings]
-        if self.more:
+        if self.is_refused and self.parameters:
+            lines.append(f"its values{f' and {self.more} more findings' if self.more else ''}: {where}")
+        elif self.more:
             lines.append(more_in_words(self.more, where))
         return "\n".join(lines)
 
@@ -153,7 +166,7 @@ def quantity_of(fit: Fit, name: str) -> Quantity | None:
     if base == "observation.delay":
         return TIME
     output = base.rsplit(".", 1)[-1]
-    return CHANNELS.get(output) if base.startswith("observation.offset") else None
+    return (CHANNELS if base.startswith("observation.offset") else _DRIFTS).get(output)
 
 
 def known_rows(fit: Fit) -> tuple[Row, ...]:
@@ -207,8 +220,15 @@ def interval_in_words(low: float, high: float, digits: int) -> str:
     return f"{significant(low, digits)} to {significant(high, digits)}"
 
 
-def verdict(fit: Fit) -> str:
-    """Whether a fit can be used, for what, and how well it follows the readings: a sentence or two."""
+def verdict(fit: Fit, missed: Collection[str] = ()) -> str:
+    """Whether a fit can be used, for what, and how well it follows the readings: a sentence or two.
+
+    Parameters
+    ----------
+    fit : Fit
+    missed : collection of str
+        Outputs that it did not predict of other runs.
+    """
     outputs = list(dict.fromkeys(name for one in fit.observations for name in one.noise))
     refused = _why_not(fit, outputs)
     if refused:
@@ -216,7 +236,10 @@ def verdict(fit: Fit) -> str:
     worst, followed = _followed(fit, outputs)
     what = _listed(CHANNELS[name].name for name in outputs)
     use = f"This fit can be used to predict the {what}"
-    if worst is not None and worst > _ROUGH:
+    lost = [CHANNELS[name].name for name in outputs if name in missed]
+    if lost:
+        use = f"This fit follows the {what} of its own runs, but does not predict the {_listed(lost)} of others"
+    elif (worst is not None and worst > _ROUGH) or any(one.code in IMPOSSIBLE for one in fit.findings):
         use = f"This fit predicts the {what} only roughly"
     return f"{use} ({followed}); {_of_parameters(fit)}."
 
@@ -241,9 +264,7 @@ def _why_not(fit: Fit, outputs: Sequence[str]) -> str:
     if wrong:
         which = sorted({CHANNELS[one.channel].name for one in wrong if one.channel in CHANNELS})
         of = f" of the {_listed(which)}" if which else ""
-        _, followed = _followed(fit, outputs)
-        then = f", and {lost}" if lost else f". How well the curve follows it does not matter ({followed})"
-        return f"the record{of} is wrong, as the first finding says{then}"
+        return f"the record{of} is wrong, as the first finding says{f', and {lost}' if lost else ''}"
     return lost
 
 

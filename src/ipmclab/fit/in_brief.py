@@ -36,10 +36,13 @@ _CONTRADICTS: Final = {
     "resonance-against-motion": "the ring of the flick contradicts force over displacement",
     "resonance-against-stiffness": "the ring of the flick contradicts the stiffness of the model",
     "sine-against-step": "the current under the sine contradicts that under the step",
-    "thickness-against-membrane": "the thickness of the model contradicts the data sheet of the membrane",
+    "thickness-against-membrane": "the model's thickness contradicts the membrane's data sheet",
     "water-uptake": "the mass of the water contradicts the data sheet of the membrane",
 }
 """Facts that contradict each other, in fewer words than their messages."""
+
+_BEYOND: Final = ("above-electrolysis", "leak-extrapolated", "near-resonance", "large-bending", "resonance-aliased")
+"""Where the voltage asks more of the model than it holds for."""
 
 _UNSURE: Final = (
     "at-bound",
@@ -52,15 +55,25 @@ _UNSURE: Final = (
     "exact-fixed-value",
     "fixed-uncertainty",
 )
+_UNKNOWN: Final = 4
+"""The level of what is not known: nobody asks how to know more from a record that cannot be right."""
+
+_ASIDE: Final = 8
+"""The level of what did not enter the fit."""
+
 _FOLLOWS: Final = {
     **dict.fromkeys((NOT_ALLOWED, *_FAILED), 1),
-    **dict.fromkeys((*_LACKING, *_CONTRADICTS), 2),
-    **dict.fromkeys(_UNSURE, 3),
+    **dict.fromkeys((*_LACKING, "sensor-drift"), 2),
+    **dict.fromkeys(_BEYOND, 3),
+    **dict.fromkeys(_UNSURE, _UNKNOWN),
+    "sampling-period-unknown": 5,
+    **dict.fromkeys(_CONTRADICTS, 6),
+    "edge-reading-partial": 7,
 }
-"""How far down the chain of causes what a fit finds stands; what a record shows stands before all of it."""
+"""How far down the chain of causes a finding stands, and how much it changes what to think of the numbers.
 
-_UNKNOWN: Final = 3
-"""The level of what is not known: nobody asks how to know more from a record that cannot be right."""
+What a record shows stands before all of it, where it is no matter of a few rows that were left out.
+"""
 
 IMPOSSIBLE: Final = {"current-rises": "current", "peak-above-series-resistance": "current", "two-states": "current"}
 """Warnings of readings that no strip with constant parameters gives, and their channel."""
@@ -142,17 +155,31 @@ def in_brief(
     >>> str(lines[0]), len(lines), more
     ('error    no current flows for 192 rows: the contact was open', 1, 1)
     """
-
-    def rank(one: Finding) -> tuple[int, int]:
-        lowered = one.severity == "error" and is_aside(one, outputs)
-        return _SEVERITIES.index(one.severity) + lowered, _FOLLOWS.get(one.code, 0)
-
-    told = sorted((one for one in consequences_silent(findings, outputs) if one.severity != "info"), key=rank)
+    grave = [one for one in consequences_silent(findings, outputs) if one.severity != "info"]
+    told = most_important_first(grave, outputs)
     lines = [(_line(members, outputs, labels), len(members)) for members in _alike(told, labels)]
     fresh = [(line, count) for line, count in lines if str(line) not in said]
     known = sum(count for line, count in lines if str(line) in said)
     chosen = fresh[:most]
     return tuple(line for line, _ in chosen), len(findings) - known - sum(count for _, count in chosen)
+
+
+def most_important_first(findings: Sequence[Finding], outputs: Collection[str] = ()) -> list[Finding]:
+    """Findings by their severity, then by what they change: causes first, what scales the numbers later, asides last.
+
+    Parameters
+    ----------
+    findings : sequence of Finding
+    outputs : collection of str
+        What was fitted; empty where all count alike.
+    """
+
+    def rank(one: Finding) -> tuple[int, int]:
+        if one.severity != "info" and is_aside(one, outputs):
+            return _SEVERITIES.index("warning"), _ASIDE
+        return _SEVERITIES.index(one.severity), _FOLLOWS.get(one.code, 0)
+
+    return sorted(findings, key=rank)
 
 
 def more_in_words(more: int, where: str) -> str:
@@ -182,7 +209,7 @@ def consequences_silent(findings: Sequence[Finding], outputs: Collection[str] = 
     of_record = [one for one in findings if one.code not in _FOLLOWS and not is_aside(one, outputs)]
     broken = {one.channel for one in of_record if one.severity == "error"}
     wrong = broken | {IMPOSSIBLE[one.code] for one in of_record if one.code in IMPOSSIBLE}
-    first = min((_FOLLOWS[one.code] for one in findings if one.code in _FAILED), default=_UNKNOWN)
+    first = min((_FOLLOWS[one.code] for one in findings if one.code in _FAILED), default=_ASIDE)
     named = {one.channel for one in findings if one.code in ("model-incomplete", "stage-missing")}
     not_allowed = {one.channel for one in findings if one.code == NOT_ALLOWED}
 
@@ -195,7 +222,7 @@ def consequences_silent(findings: Sequence[Finding], outputs: Collection[str] = 
         if level > first or (one.code == "model-error" and one.channel in named):
             return True
         if level == _UNKNOWN:
-            return bool(broken)
+            return bool(wrong)
         channel = "current" if one.code in _OF_CURRENT else one.channel
         return level > 0 and one.code != "not-converged" and not wrong.isdisjoint({channel, None})
 
@@ -256,12 +283,30 @@ def _without_middle(text: str, width: int) -> str:
 
 def _plain(finding: Finding) -> str:
     """What some findings say in fewer words, where the first clause of the message is not the point; else nothing."""
-    if finding.code == "contact-lost" and finding.samples:
-        start, stop = finding.samples[0]
-        return f"the contact was open: at constant voltage no current flows from row {start} to row {stop - 1}"
-    if finding.code == "zero-not-shown":
-        return f"the zero of the {finding.channel} does not show: the voltage is on from the first row"
-    words, sigmas = _CONTRADICTS.get(finding.code), finding.values.get("sigmas")
+    values, channel = finding.values, finding.channel
+    match finding.code:
+        case "contact-lost" if finding.samples:
+            start, stop = finding.samples[0]
+            return f"the contact was open: at constant voltage no current flows from row {start} to row {stop - 1}"
+        case "contact-missing" if finding.samples:
+            start, stop = finding.samples[0]
+            return f"no current flows from row {start} to row {stop - 1}, so the fit takes the voltage as 0 V there"
+        case "current-rises":
+            return "the current rises at constant voltage, as only a leak that grows (leak.slow) lets it"
+        case "model-incomplete":
+            return f"what is left of the {channel} follows the voltage; no stage that was tried explains it"
+        case "stage-missing" if "stage" in values:
+            share = f"{100.0 * float(values.get('explained') or 0.0):.0f} %"
+            return f"the stage {values['stage']} explains {share} of the {channel}'s residual beyond noise"
+        case "above-electrolysis" if "largest_voltage" in values:
+            return f"water decomposes at {values['largest_voltage']:.3g} V, and the model has no current for that"
+        case "sampling-period-unknown" if "period" in values:
+            return (
+                f"the sampling period is assumed ({values['period']:.4g} s): all times and permittivities scale with it"
+            )
+        case "zero-not-shown":
+            return f"the zero of the {channel} does not show: the voltage is on from the first row"
+    words, sigmas = _CONTRADICTS.get(finding.code), values.get("sigmas")
     if not words or not isinstance(sigmas, int | float):
         return ""
     return f"{words}, by {sigmas:.2g} standard uncertainties"

@@ -17,6 +17,16 @@ FloatArray = npt.NDArray[np.float64]
 
 CHANNELS: Final = ("displacement", "force")
 
+ONLY_HOLDS: Final = 0.9
+"""Weight of holding from which a forecast is one of the last value: the others then add less than their band."""
+
+_WORDS: Final = {
+    "hold": "the last value",
+    "line": "the straight line of the last 5 s",
+    "slow answer": "the slow answer to the voltage",
+    "actuator": "the actuator's answer",
+}
+
 
 @dataclass(frozen=True, eq=False)
 class Forecast(Shown):
@@ -49,6 +59,19 @@ class Forecast(Shown):
     weights: Mapping[str, float]
     horizons_seen: float
     findings: tuple[Finding, ...] = ()
+
+    @property
+    def made_of(self) -> str:
+        """Of which simple forecasts it is the sum, in a sentence."""
+        hold = self.weights["hold"]
+        if hold >= ONLY_HOLDS:
+            return (
+                f"This forecast only holds the last value (weight {100.0 * hold:.0f} %): nothing else was clearly "
+                "nearer earlier in this record. The band says how far off the last value was then."
+            )
+        parts = sorted(self.weights.items(), key=lambda item: -item[1])
+        told = [f"{_WORDS[name]} ({100.0 * share:.0f} %)" for name, share in parts if share >= 0.005]
+        return f"This forecast is made of {', '.join(told)}."
 
 
 def known_channel(channel: str) -> None:

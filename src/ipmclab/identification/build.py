@@ -31,6 +31,7 @@ from ipmclab.identification.uncertainty.interval import (
     beside_bounds,
     edges_are_open,
     half_width,
+    has_open_end,
     interval_of,
     is_at_bound,
     open_ends,
@@ -130,7 +131,7 @@ def build_fit(
             determined=agree
             and min(error, nearer_error) <= DETERMINED
             and not (at_bound and unknown.log)
-            and interval != open_ends(unknown),
+            and not has_open_end(unknown, interval),
             at_bound=at_bound,
             prior=unknown.beforehand,
         )

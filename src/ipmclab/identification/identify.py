@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence, Set
 from dataclasses import replace
 from os import PathLike
-from typing import Final
 
 from ipmclab.consistency.of_fit import with_cross_checks
 from ipmclab.errors import InputError
@@ -21,6 +20,7 @@ from ipmclab.identification.environment.remarks import doubtful, water_contradic
 from ipmclab.identification.environment.state_of_run import with_states
 from ipmclab.identification.estimate import estimate
 from ipmclab.identification.mountings.mountings import differ, each_mounting, with_mountings
+from ipmclab.identification.of_records import NOISE, findings_of_records, left_out_of
 from ipmclab.identification.problem.earlier_fit import as_read_before, fitted_runs
 from ipmclab.identification.problem.free import FreeParameters, Prior, parse_free
 from ipmclab.identification.problem.order import Order
@@ -45,9 +45,6 @@ from ipmclab.progress import Tell, part, stage, telling
 from ipmclab.quality.check import check_record
 from ipmclab.quality.record import Record as Checked
 from ipmclab.run import Finding, Run
-
-_ALWAYS_TOLD: Final = frozenset({"sampling-period-unknown"})
-"""Findings of a record that are no errors, but on which every time constant of the fit hangs."""
 
 
 def identify(
@@ -153,7 +150,7 @@ def _identify(
     diagnosed: bool,
 ) -> Fit:
     stage("reading the runs", 0.0, 0.05)
-    outputs = _outputs(names)
+    outputs = outputs_of_fit(names)
     checked = [Checked.of(run) for run in given]
     found = [check_record(record) for record in checked]
     silent = [noise_only(findings) & set(outputs) for findings in found]
@@ -184,9 +181,9 @@ def _identify(
         for record, gone in zip(records, lost, strict=True)
     ]
     left_out = [
-        _left_out(record, which, why)
+        left_out_of(record, which, why)
         for record in records
-        for which, why in ((silent[record.place], "nothing but noise"), (lost[record.place], "no usable reading"))
+        for which, why in ((silent[record.place], NOISE), (lost[record.place], "no usable reading"))
         if which
     ]
     result = estimate(actuator, names, records)
@@ -201,7 +198,7 @@ def _identify(
         result = estimate(actuator, names, records)
     diagnoses, lacking = _what_it_lacks(actuator, names, result) if diagnosed else ((), ())
     stage("errors and intervals", 0.8, 1.0)
-    told = (*_used_findings(records, found), *left_out, *result.findings, *lacking)
+    told = (*findings_of_records(actuator, records, found), *left_out, *result.findings, *lacking)
     fit = build_fit(actuator, given, result, told, diagnoses)
     beyond = [*beyond_findings(fit, records), *environment_findings(actuator, given, fit, result)]
     if names.priors:
@@ -310,7 +307,7 @@ def _labels(labels: Sequence[str] | None, runs: int) -> list[str] | None:
     return given
 
 
-def _outputs(names: FreeParameters) -> tuple[str, ...]:
+def outputs_of_fit(names: FreeParameters) -> tuple[str, ...]:
     """The channels that the free parameters need.
 
     Force and displacement also depend on the circuit, through the drop over its series resistance; but
@@ -328,17 +325,6 @@ def _for_series_alone(names: FreeParameters) -> set[str]:
     others = [stage_outputs(name) for name in names.moved.values() if name not in SERIES]
     asked = {output for outputs in others for output in outputs} | {name.split(".")[2] for name in names.observation}
     return {"displacement", "force"} - asked
-
-
-def _left_out(record: PreparedRun, which: Set[str], why: str) -> Finding:
-    listed, verb = " and ".join(sorted(which)), "was" if len(which) == 1 else "were"
-    return Finding(
-        "channel-left-out",
-        "warning",
-        f"{record.label}: {listed} held {why} and {verb} left out of the fit",
-        "check that the instrument was connected and in range",
-        channel=min(which) if len(which) == 1 else None,
-    )
 
 
 def _need_readings(
@@ -389,16 +375,3 @@ def _need_readings(
 
 def _shows(record: PreparedRun, channels: Sequence[str]) -> bool:
     return any(record.readings[channel].exact.any() for channel in channels if channel in record.readings)
-
-
-def _used_findings(records: Sequence[PreparedRun], found: Sequence[Sequence[Finding]]) -> tuple[Finding, ...]:
-    """Findings of the records that change what enters the fit, or what to think of it, with the run they belong to."""
-    return tuple(
-        replace(finding, message=f"{record.label}: {finding.message}")
-        for record, findings in zip(records, found, strict=True)
-        for finding in findings
-        if finding.severity == "error"
-        or finding.code in _ALWAYS_TOLD
-        or (finding.channel == "voltage" and finding.samples)  # it drives the model
-        or (finding.effect != "none" and (finding.channel is None or finding.channel in record.readings))
-    )

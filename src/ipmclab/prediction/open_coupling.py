@@ -13,6 +13,8 @@ from ipmclab.model.declared import MOTION, in_group
 from ipmclab.model.stages.coupling import STATIC
 from ipmclab.run import Finding
 
+NOT_IDENTIFIED: Final = "coupling-not-identified"
+
 _LARGE: Final = 0.01  # part of a direction of unit length
 
 
@@ -24,11 +26,11 @@ def open_coupling(actuator: Actuator) -> list[Finding]:
     if not in_group(MOTION, names):
         return [
             Finding(
-                "coupling-not-identified",
-                "info",
+                NOT_IDENTIFIED,
+                "warning",
                 f"the fit in {actuator.name} did not identify the coupling: displacement and force are predicted with "
                 "the values that it was given",
-                repair="identify it too, from runs with displacement or force",
+                repair="identify it too, from runs with displacement or force: --free electrical,coupling",
             )
         ]
     for one in _entries(actuator, "undetermined"):

@@ -276,15 +276,20 @@ def _validate_run(
     zeros = {name: found_zeros[name] for name in outputs if found_zeros.get(name)}
     drifts, start = (fitted or {}).get("drift", {}), (fitted or {}).get("initial_state", {})
     since = run.time - run.time[0]
-    measured = {name: run.channels[name] - zeros.get(name, 0.0) - drifts.get(name, 0.0) * since for name in outputs}
-    delay = edge_delay(there, record, measured, fitted or {}) if record.delay_is_free else None
+    measured = {name: run.channels[name] - zeros.get(name, 0.0) for name in outputs}
+    drift = {name: drifts.get(name, 0.0) * since for name in outputs}
+    still_measured = {name: measured[name] - drift[name] for name in outputs}
+    delay = edge_delay(there, record, still_measured, fitted or {}) if record.delay_is_free else None
     every = np.array(predict(there, record, READ_OUTPUTS, delay or 0.0, start))
     read = record.readings.get("displacement")
     blank_lost(every, READ_OUTPUTS, there.parameter_values, kept=None if read is None else read.exact)
     predicted = dict(zip(READ_OUTPUTS, every, strict=True))
     reach = {} if fit is None else band_of_run(fit, model, record, place_in(fit, run), delay or 0.0, start, zeros)
     comparisons = {
-        name: Comparison(run.time, measured[name], predicted[name], record.readings[name].exact, reach.get(name))
+        # A drift of the sensor is on the side of the model, as in the fit: the readings vary as they were read.
+        name: Comparison(
+            run.time, measured[name], predicted[name] + drift[name], record.readings[name].exact, reach.get(name)
+        )
         for name in outputs
     }
     scores = {name: score(name, [one]) for name, one in comparisons.items()}
@@ -334,7 +339,7 @@ def _findings(one: RunValidation) -> list[Finding]:
         found.append(
             Finding(
                 "used-in-fit",
-                "warning",
+                "info",
                 f"{one.label} was used to identify the actuator: its scores show a fit, not a prediction",
                 repair="validate on a run that identify was not given",
             )

@@ -66,9 +66,8 @@ def _judge(record: Record, channel: Channel, place: int, before: float, least: f
             f"{count} rows ({seconds:.4g} s), {until}"
         ),
         repair=(
-            "no channel is used in these rows, and the strip saw the step later than the record says: "
-            "clean or tighten the clamp and record again, or cut the record and set its voltage to zero before the "
-            "contact"
+            "no channel is used in these rows, and identify, validate and forecast take the voltage as 0 V there; "
+            "clean or tighten the clamp before the next record"
         ),
         samples=((edge, came),),
         effect="mask",

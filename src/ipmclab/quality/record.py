@@ -12,7 +12,7 @@ import numpy.typing as npt
 from ipmclab.quality.kept import kept
 from ipmclab.quality.noise import noise_of_readings, quantum_of, runs_of_true, stale_fraction
 from ipmclab.run import QUALITY_FLAGS, FloatArray, Run
-from ipmclab.units import CHANNELS
+from ipmclab.units import CHANNELS, significant
 
 BoolArray = npt.NDArray[np.bool_]
 IntArray = npt.NDArray[np.intp]
@@ -109,7 +109,7 @@ class Channel:
     def show(self, value: float) -> str:
         """A value with its unit, as people read it."""
         quantity = CHANNELS[self.name]
-        return f"{quantity.to_display(value):.4g} {quantity.display_unit}"
+        return f"{significant(quantity.to_display(value), 4)} {quantity.display_unit}"
 
 
 @dataclass(frozen=True, eq=False)

@@ -59,8 +59,9 @@ def rising_current(record: Record) -> list[Finding]:
                 f"{record.at(first)} to {channel.show(sign * float(means[top]))} at {record.at(second)}"
             ),
             repair=(
-                "no passive model with constant parameters can do that: identify from the part before, and look for "
-                "electrolysis, drying, heating or a changing contact"
+                "resistors and capacitors with constant values cannot do that: look for electrolysis, drying, heating "
+                "or a changing contact. Identify from the part before (rows of the import map), or try a leak that "
+                "grows: identify ACTUATOR+leak.exponential+leak.slow with --free electrical,leak"
             ),
             samples=((first + rows, second + rows),),
             values={

@@ -169,9 +169,9 @@ def _off(record: Record, seen: Seen, geometry: Mapping[str, float]) -> list[Find
                 severity="error",
                 channel=name,
                 message=(
-                    f"the {name} is about 1000 times too {'large' if large else 'small'}: it reaches "
+                    f"the {name} is about 1000 times too {'large' if large else 'small'} (it reaches "
                     f"{channel.show(seen.largest[name])}, where known strips of these dimensions give "
-                    f"{channel.show(low * volts)} to {channel.show(high * volts)} for this voltage; "
+                    f"{channel.show(low * volts)} to {channel.show(high * volts)} for this voltage): "
                     + (f"{small} may have been read as {whole}" if large else f"{whole} may have been read as {small}")
                 ),
                 repair=(
@@ -191,8 +191,8 @@ def _clock(settling: float, low: float, high: float) -> Finding:
         code=CODE,
         severity="error",
         message=(
-            f"the time is about 1000 times too {'long' if long else 'short'}: the strip settles within "
-            f"{settling:.3g} s, where known strips take {low:.2g} to {high:.2g} s; "
+            f"the time is about 1000 times too {'long' if long else 'short'} (the strip settles within "
+            f"{settling:.3g} s, where known strips take {low:.2g} to {high:.2g} s): "
             + (f"{small} may have been read as {whole}" if long else f"{whole} may have been read as {small}")
         ),
         repair="state the unit of the time, or the sampling rate, in the import map and read the record again",

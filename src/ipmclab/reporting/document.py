@@ -16,12 +16,14 @@ from markupsafe import Markup, escape
 from ipmclab.errors import InputError
 from ipmclab.fit.answer import REFUSED
 from ipmclab.fit.answer import verdict as verdict_of
+from ipmclab.fit.in_brief import most_important_first
 from ipmclab.identification.mountings.remarks import averages
 from ipmclab.model.validity import CODES as VALIDITY_CODES
 from ipmclab.model.validity import SMALL_BENDING
 from ipmclab.prediction.fitted import fitted_outputs
-from ipmclab.prediction.scores import LAGS, Comparison, score
-from ipmclab.prediction.validate import RunValidation, Validation, run_labels, validate
+from ipmclab.prediction.scores import LAGS, Comparison
+from ipmclab.prediction.validate import Validation, run_labels, validate
+from ipmclab.prediction.verdict import verdict_of as verdict_of_runs
 from ipmclab.quality import check, measure
 from ipmclab.reporting import tables
 from ipmclab.reporting.diagnoses import diagnoses_part
@@ -34,7 +36,7 @@ from ipmclab.reporting.micrographs import micrographs
 from ipmclab.reporting.page_file import render, write_page
 from ipmclab.reporting.profiles import profiles_part
 from ipmclab.reporting.svg import inline_svg
-from ipmclab.reporting.wording import NO_BREAK, percent, plain
+from ipmclab.reporting.wording import NO_BREAK, percent, plain, with_unit
 from ipmclab.run import Finding, Run
 from ipmclab.units import CHANNELS
 from ipmclab.version import __version__
@@ -146,7 +148,10 @@ def html(
         validation=_validation_part(validations),
         fit_rows=tables.fit_rows(fit, fitted),
         # What is undetermined stands under the parameters already.
-        fit_findings=[finding for finding in fit.findings if finding.code != "undetermined"],
+        fit_findings=most_important_first(
+            [finding for finding in fit.findings if finding.code != "undetermined"],
+            {name for one in fit.observations for name in one.noise},
+        ),
         fit_figures=[
             *(_fit_picture(*each) for each in zip(range(len(runs)), runs, labels, fitted, strict=True)),
             *_shapes(fit.actuator, list(zip(runs, labels, fitted, strict=True)), "fit-shape"),
@@ -199,29 +204,15 @@ def verdict(fit: Fit, validations: Sequence[Validation]) -> tuple[list[str], boo
     sentences : list of str
     doubt : bool
     """
-    sentences = [verdict_of(fit)]
-    scored: list[tuple[str, float]] = []
-    bad: list[tuple[str, float]] = []
+    found = verdict_of_runs(validations[0], percent) if validations else None
+    missed = {} if found is None else {output for output, *_ in found.missed}
+    sentences = [verdict_of(fit, missed)]
     if not fit.converged:
         sentences.append(f"The identification did not converge: {fit.message}. The numbers below are not a model.")
-    if validations:
-        own = validations[0]
-        fresh = [one for one in own.runs if not one.used_in_fit]
-        scored = _new_scores(own.scores, fresh)
-        good = _listed([f"{name} with a fit of {percent(value)}" for name, value in scored if value > 0])
-        bad = [(name, value) for name, value in scored if value <= 0]
-        count = f"{len(fresh)} run{'s' if len(fresh) > 1 else ''}"
-        if fresh and good:
-            sentences.append(f"From its voltage alone the model predicts {count} that it never saw: {good}.")
-        if fresh and bad:
-            fails = _listed([f"{name} ({percent(value)})" for name, value in bad])
-            sentences.append(f"It fails to predict {fails} in {count}: a constant would have been nearer.")
-        if fresh and not scored:
-            sentences.append(f"Nothing could be scored in {count} kept for validation: “Prediction” says why.")
-        if len(fresh) < len(own.runs):
-            sentences.append("Not every run under “Prediction” is new to the model: those scores show the fit.")
-    else:
+    if found is None:
         sentences.append("No run was kept for validation: nothing here shows what the model predicts for other inputs.")
+    else:
+        sentences += found.sentences
     open_ones = [name for name, one in fit.parameters.items() if not one.determined]
     if open_ones:
         sentences.append(
@@ -241,7 +232,14 @@ def verdict(fit: Fit, validations: Sequence[Validation]) -> tuple[list[str], boo
         sentences.append(f"At a bound: {_listed(bounds)}; such a value is a limit, not an estimate.")
     sentences += _holding(fit)
     return sentences, bool(
-        not fit.converged or sentences[0].startswith(REFUSED) or open_ones or averaged or bounds or bad or not scored
+        not fit.converged
+        or sentences[0].startswith(REFUSED)
+        or open_ones
+        or averaged
+        or bounds
+        or missed
+        or found is None
+        or not found.predicted
     )
 
 
@@ -259,17 +257,6 @@ def _holding(fit: Fit) -> Iterator[str]:
                 else f"The {finding.channel} relaxes back by as much as the coupling gives, or more: integral action "
                 "cannot hold a set point of it."
             )
-
-
-def _new_scores(outputs: Iterable[str], fresh: Sequence[RunValidation]) -> list[tuple[str, float]]:
-    """Name and fit [percent] of each output, over the runs that the model never saw and no others."""
-    found = []
-    for output in outputs:
-        seen = [one.comparisons[output] for one in fresh if output in one.comparisons]
-        fit = score(output, seen).fit_percent if seen else None
-        if fit is not None:
-            found.append((CHANNELS[output].name, fit))
-    return found
 
 
 def _listed(items: Iterable[str]) -> str:
@@ -374,9 +361,17 @@ def _fit_picture(place: int, run: Run, label: str, comparisons: Mapping[str, Com
 
 
 def _banded(comparisons: Mapping[str, Comparison]) -> str:
-    if all(one.reach is None for one in comparisons.values()):
+    wide = [
+        f"±{with_unit(float(np.nanmedian(one.reach)), CHANNELS[output])} of {CHANNELS[output].name}"
+        for output, one in comparisons.items()
+        if one.reach is not None and np.isfinite(one.reach).any()
+    ]
+    if not wide:
         return ""
-    return " Shaded: where 95 % of the readings should lie, for the errors of the parameters and the noise."
+    return (
+        " Shaded: where 95 % of the readings should lie, for the errors of the parameters and the noise; its median is "
+        f"{_listed(wide)}. A band that is much wider than the record ends at the edge of its panel."
+    )
 
 
 def _shapes(

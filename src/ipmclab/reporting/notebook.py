@@ -67,14 +67,15 @@ def _fit(fit: Fit) -> str:
     answer = answer_of(fit)
     rows = [
         [one.name, one.value, one.interval, spelled_unit(one.unit), one.remark]
-        for one in (*answer.parameters, *(answer.known if answer.shows_known else ()))
+        for group in answer.rows
+        for one in group
     ]
     lines = [[one.severity, one.text] for one in answer.findings]
     more = f"<p>{escape(more_in_words(answer.more, IN_PYTHON))}</p>" if answer.more else ""
     step = simulate(fit.actuator, _STEP, duration=_SHOWN_SECONDS, rate=_SHOWN_RATE)
     told = f"{fit.actuator.name} under {_STEP}, as fitted"
     figure = runs_figure([step], [told], [()])
-    table = _table(["parameter", "value", "95 % interval", "unit", ""], rows)
+    table = "" if answer.is_refused else _table(["parameter", "value", "95 % interval", "unit", ""], rows)
     findings = (_table(["severity", "finding"], lines) if lines else "") + more
     return _block(
         f"{fit.actuator.name}, fitted to {len(fit.observations)} run(s)",
@@ -135,7 +136,7 @@ def _forecast(forecast: Forecast) -> str:
         name_panel(panel, forecast.channel, quantity)
     table = _table(["time", "from", f"{forecast.channel} ({quantity.display_unit})", "to"], rows)
     told = f"{forecast.channel} from {forecast.origin:g} s on"
-    return _block(told, table, _svg(figure, told))
+    return _block(told, f"{table}<p>{escape(forecast.made_of)}</p>", _svg(figure, told))
 
 
 def _number(value: float, quantity: Quantity | None) -> str:

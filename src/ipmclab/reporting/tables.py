@@ -75,6 +75,7 @@ class FitRow:
     output: str
     fit: str
     rmse: str
+    of_range: str
     noise: str
     samples: str
 
@@ -200,11 +201,16 @@ def fit_rows(fit: Fit, fitted: Sequence[Mapping[str, Comparison]]) -> list[FitRo
                     quantity.name,
                     percent(one.fit_percent),
                     with_unit(one.rmse, quantity),
+                    _of_range(one),
                     with_unit(noise, quantity),
                     samples,
                 )
             )
     return rows
+
+
+def _of_range(one: Score) -> str:
+    return "–" if one.rmse_percent_of_range is None else f"{plain(one.rmse_percent_of_range, 2)}{NO_BREAK}%"
 
 
 def metric_rows(metrics: Sequence[Metric]) -> list[MetricRow]:
@@ -276,7 +282,7 @@ def score_row(one: Score, *, run: str, model: str, pooled: bool = False, where_r
         model=model,
         fit=percent(one.fit_percent),
         rmse=with_unit(one.rmse, quantity),
-        of_range="–" if one.rmse_percent_of_range is None else f"{plain(one.rmse_percent_of_range, 2)}{NO_BREAK}%",
+        of_range=_of_range(one),
         max_error=with_unit(one.max_error, quantity),
         where=where,
         lags="–" if lags is None else f"{100 * lags:.0f} %",

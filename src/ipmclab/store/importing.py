@@ -84,6 +84,7 @@ def import_run(path: str | os.PathLike[str], map: str | os.PathLike[str] | Impor
     }
     refuse_apart(columns, chosen, [name for name, channel in import_map.channels.items() if channel.index is not None])
     channels = {name: _read(name, channel, columns, chosen[name]) for name, channel in import_map.channels.items()}
+    channels = _counted_from_zero(import_map, channels)
     n_rows = 1 + max((int(channel.rows[-1]) for channel in channels.values() if len(channel.rows)), default=-1)
     start, stop = import_map.rows or (0, n_rows)
     if stop > n_rows:
@@ -148,6 +149,15 @@ class _Channel:
         values[self.rows] = self.values
         flags[self.rows] = self.flags
         return replace(self, values=values, flags=flags, rows=np.arange(n_rows))
+
+
+def _counted_from_zero(import_map: ImportMap, channels: Mapping[str, _Channel]) -> dict[str, _Channel]:
+    """Channels whose index columns count from 0: where all of them begin at 1 or later, they count from 1."""
+    own = {name: one for name, one in channels.items() if import_map.channels[name].index is not None}
+    first = min((int(one.rows[0]) for one in own.values() if len(one.rows)), default=0)
+    if first != 1 or not channels.keys() - {"time"} <= own.keys():
+        return dict(channels)
+    return {name: replace(one, rows=one.rows - 1) if name in own else one for name, one in channels.items()}
 
 
 def check_source(source: Path) -> None:

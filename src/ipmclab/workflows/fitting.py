@@ -8,11 +8,15 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Final, Required, TypedDict, Unpack
 
+from ipmclab.consistency.of_fit import units_off
+from ipmclab.errors import InputError
 from ipmclab.fit.fit import Fit
 from ipmclab.fit.fit_table import with_findings
-from ipmclab.identification.identify import identify
+from ipmclab.identification.identify import identify, outputs_of_fit
+from ipmclab.identification.problem.free import parse_free
 from ipmclab.model import Actuator
 from ipmclab.prediction.left_out import leave_one_run_out
+from ipmclab.prediction.validate import run_labels
 from ipmclab.progress import Tell, part, telling
 from ipmclab.refitting.profiles import profile
 from ipmclab.run import Finding, Run
@@ -36,6 +40,7 @@ def fit_of_runs(
     runs: Sequence[Run],
     *,
     thorough: bool = True,
+    anyway: bool = False,
     progress: Tell | None = None,
     **asked: Unpack[Asked],
 ) -> Fit:
@@ -47,6 +52,8 @@ def fit_of_runs(
     runs : sequence of Run
     thorough : bool
         Follow profiles and leave runs out even where that is costly: with a leak, whose law bends, or 10,000 rows.
+    anyway : bool
+        Fit even where a unit seems to be off by 1000.
     progress : function of (str, float), optional
         Called with a sentence and the fraction that is done.
     **asked
@@ -61,7 +68,7 @@ def fit_of_runs(
     Raises
     ------
     InputError
-        What ``identify`` refuses.
+        What ``identify`` refuses; readings whose unit seems to be off by 1000 (``unit-off``).
 
     Examples
     --------
@@ -71,6 +78,8 @@ def fit_of_runs(
     >>> list(fit.profiles), fit.left_out
     (['circuit.dc_resistivity'], ())
     """
+    if not anyway:
+        _refuse_wrong_units(actuator, runs, asked)
     with telling(progress):
         with part("", 0.0, 0.8):
             fit = identify(actuator, runs, **asked)
@@ -82,6 +91,22 @@ def fit_of_runs(
             return fit
         with part("", 0.9, 1.0):
             return _unless_interrupted(leave_one_run_out, fit)[0]
+
+
+def _refuse_wrong_units(actuator: Actuator, runs: Sequence[Run], asked: Asked) -> None:
+    """Refuse readings that no strip of these dimensions gives, before any search."""
+    names = parse_free(
+        actuator.parameter_values, asked["free"], asked.get("per_run", ()), asked.get("per_mounting", ())
+    )
+    labels = asked.get("labels") or run_labels(runs)
+    for label, run in zip(labels, runs, strict=False):
+        for finding in units_off(actuator, run, outputs_of_fit(names)):
+            raise InputError(
+                finding.message,
+                code=finding.code,
+                where=label,
+                repair=f"{finding.repair}. To fit these readings as they are: identify --anyway",
+            )
 
 
 def _is_costly(actuator: Actuator, runs: Sequence[Run]) -> bool:

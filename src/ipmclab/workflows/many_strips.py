@@ -24,7 +24,8 @@ class Asked:
     actuator : Actuator
         From which each fit starts.
     free, per_run, per_mounting, prior : sequence of str
-    thorough : bool
+    thorough, anyway : bool
+        As ``fit_of_runs`` takes them.
     """
 
     actuator: Actuator
@@ -33,6 +34,7 @@ class Asked:
     per_mounting: Sequence[str] = ()
     prior: Sequence[str] = ()
     thorough: bool = False
+    anyway: bool = False
 
 
 def by_strip(runs: Sequence[Run]) -> dict[str, list[Run]]:
@@ -108,6 +110,7 @@ def _fit(asked: Asked, runs: Sequence[Run]) -> Fit | IpmclabError:
             per_mounting=asked.per_mounting,
             prior=asked.prior,
             thorough=asked.thorough,
+            anyway=asked.anyway,
         )
     except IpmclabError as error:
         return error

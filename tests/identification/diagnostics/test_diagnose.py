@@ -109,7 +109,7 @@ def test_noise_that_hangs_together_is_no_missing_stage() -> None:
 def test_a_third_branch_is_missed_and_named(lacking: Fit) -> None:
     (said,) = (finding for finding in lacking.findings if finding.code == "stage-missing")
     assert "friend-2+branches=3" in said.repair
-    assert "the model cannot explain what it leaves of the current" in said.message
+    assert "what is left of the current" in said.message
     assert float(said.values["explained"]) > 0.9  # type: ignore[arg-type]
     assert {one.verdict for one in lacking.diagnoses} == {"follows the voltage"}
     assert max(abs(value) for one in lacking.diagnoses for value in one.with_voltage) > lacking.diagnoses[0].band

@@ -11,6 +11,7 @@ from benchmarks.environments import AGES, HELD_OUT, LAWS, Campaign, answer, fitt
 from ipmclab import Run, prediction_bands, read_fit, validate, write_fit
 from ipmclab.fit.fit import Fit
 from ipmclab.prediction.in_state import as_it_is_now
+from ipmclab.prediction.verdict import verdict_of
 
 SHORT = [condition for number, condition in enumerate(palindrome(40)) if number % 3 == 0 or number > 36]
 
@@ -80,7 +81,9 @@ def _at(run: Run, humidity: float, temperature: float) -> Run:
 
 def test_a_run_beyond_all_conditions_of_the_fit_is_named(fit: Fit, campaign: Campaign) -> None:
     beyond = _at(campaign.runs[0], 95.0, 55.0)
-    codes = {finding.code: finding.message for finding in validate(fit, beyond).findings}
+    validation = validate(fit, beyond)
+    assert "recorded in an environment outside that of the fit" in " ".join(verdict_of(validation).sentences)
+    codes = {finding.code: finding.message for finding in validation.findings}
     assert "55 degC" in codes["environment-extrapolated"]
     assert "condensation" in codes
     within = {finding.code for finding in validate(fit, _at(campaign.runs[0], 55.0, 30.0)).findings}

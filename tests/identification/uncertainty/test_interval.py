@@ -20,6 +20,7 @@ from ipmclab.identification.uncertainty.interval import (
     _shortest,
     as_determined,
     beside_bounds,
+    has_open_end,
     interval_of,
     with_rivals,
 )
@@ -201,3 +202,17 @@ def test_uneven_noise_counts_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
     found = covariance_of.uncertainty(correlated, {}, ())
     inverse = np.linalg.inv(columns.T @ columns)
     np.testing.assert_allclose(found.covariance, inverse @ (columns.T * variance) @ columns @ inverse, rtol=1e-9)
+
+
+def test_an_interval_that_nothing_limits_on_one_side_determines_nothing() -> None:
+    parameters = load_actuator("friend-2").parameters()
+    resistivity, contact = (
+        actuator_unknown(parameters[f"circuit.{name}"], None) for name in ("dc_resistivity", "contact_resistance")
+    )
+    assert resistivity.log
+    assert not contact.log
+    assert has_open_end(resistivity, (122.0, math.inf))
+    assert has_open_end(resistivity, (0.0, 122.0))
+    assert not has_open_end(resistivity, (122.0, 400.0))
+    assert not has_open_end(contact, (0.0, 3.0))  # it is known to 3 ohm: a contact may have none
+    assert has_open_end(contact, (0.0, math.inf))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -45,3 +47,23 @@ def test_a_measurement_is_proposed_where_nothing_went_to_the_end_of_its_range(
     assert (f"measure {SHEET}" in direction.cures) == ("measure the sheet resistance" in direction.sentence) == is_cured
     if not is_cured:
         assert direction.cures == ()
+
+
+@pytest.mark.parametrize(
+    ("lacks", "cures"),
+    [
+        (("displacement", "force"), (f"measure {SHEET}", "record force", "record displacement")),
+        (("force",), (f"measure {SHEET}", "record force")),
+        ((), (f"measure {SHEET}",)),
+    ],
+)
+def test_no_run_is_asked_for_with_what_the_runs_have(lacks: tuple[str, ...], cures: tuple[str, ...]) -> None:
+    unknowns = [actuator_unknown(PARAMETERS[one], None) for one in NAMES]
+    null = np.array([[1.0, -1.0, 0.0]]) / np.sqrt(2.0)
+    known = np.diag([0.0, 0.0, 1e-4])
+    found = Uncertainty(known, known, null, np.array([1.0, 1.0, 0.0]), {}, (), np.full(3, 100.0))
+    run = replace(simulate(FRIEND, "step 1 V", duration=2.0, rate=20.0), **dict.fromkeys(lacks))  # type: ignore[arg-type]
+    records = [prepare(run, 0, ["current"], ())]
+    (direction,) = directions(unknowns, np.array([FRIEND[one] for one in NAMES]), found, found, records, FRIEND)
+    assert direction.cures == cures
+    assert ("with a known coupling" in direction.sentence) == bool(lacks)

@@ -23,7 +23,8 @@ def beyond_findings(fit: Fit, records: Sequence[PreparedRun]) -> list[Finding]:
     """What ``validity`` says of each run of a fit, with the run's label, and not what the fit already says of it.
 
     Of the displacement as the fitted actuator predicts it, where it was read: a sensor's zero is no bending. Where
-    current alone was read, the beam is not asked, and being near its resonance is worth a note only.
+    current alone was read, the beam is not asked, and being near its resonance is worth a note only. So is a ring that
+    the rows are too few to show: it follows from the modulus and the density of the file, not from a reading.
 
     Parameters
     ----------
@@ -42,11 +43,12 @@ def beyond_findings(fit: Fit, records: Sequence[PreparedRun]) -> list[Finding]:
         for finding in validity(model, _answer(model, record, entry), record.run.metadata.signal):
             if any(one.code == finding.code and one.message.startswith(f"{record.label}: ") for one in fit.findings):
                 continue
-            moves = finding.code != "near-resonance" or record.readings.keys() & {"displacement", "force"}
+            moved = bool(record.readings.keys() & {"displacement", "force"})
+            noted = finding.code == "resonance-aliased" or (finding.code == "near-resonance" and not moved)
             found.append(
                 replace(
                     finding,
-                    severity=finding.severity if moves else "info",
+                    severity="info" if noted else finding.severity,
                     message=f"{record.label}: {finding.message}",
                     samples=(),  # rows of the prediction, not of the record
                     effect="none",

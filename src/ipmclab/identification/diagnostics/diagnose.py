@@ -83,7 +83,10 @@ def _findings(actuator: Actuator, every: Sequence[Left], tried: Sequence[Tried],
 
 def _missing(actuator: Actuator, chosen: Sequence[Tried], fixed: str) -> Finding:
     best, *others = chosen
-    output = max(best.shares, key=lambda one: best.shares[one])
+    # A relaxing displacement lets the circuit of a joint fit go back to the current, yet the displacement shows it.
+    outputs = kind_named(best.stage).outputs
+    own = [one for one, share in best.shares.items() if one in outputs and share > 0.0] or [*best.shares]
+    output = max(own, key=lambda one: best.shares[one])
     explained = best.shares[output]
     also = "".join(f"; as well, {kind_named(one.stage).shows}: {one.stage}" for one in others)
     models = " or ".join(f"{actuator.name}+{one.stage}" for one in chosen)
@@ -92,9 +95,8 @@ def _missing(actuator: Actuator, chosen: Sequence[Tried], fixed: str) -> Finding
     return Finding(
         "stage-missing",
         "warning",
-        f"the model cannot explain what it leaves of the {output}: the residuals show "
-        f"{kind_named(best.stage).shows}. A stage {best.stage} would take away {100.0 * explained:.0f} % of their "
-        f"power beyond noise{also}{_or_wrong(fixed)}",
+        f"what is left of the {output} shows {kind_named(best.stage).shows}: a stage {best.stage} would take away "
+        f"{100.0 * explained:.0f} % of its power beyond noise{also}{_or_wrong(fixed)}",
         f"identify {models}{with_free}, and compare both by choose",
         channel=output,
         values={"stage": best.stage, "explained": explained, "evidence": best.evidence},
@@ -114,7 +116,7 @@ def _incomplete(left: Left, tried: Sequence[Tried], fixed: str) -> Finding:
     return Finding(
         "model-incomplete",
         "warning",
-        f"the model cannot explain what it leaves of the {left.output}: it {how} (p < 0.1 %){none}{_or_wrong(fixed)}",
+        f"what is left of the {left.output} {how} (p < 0.1 %): the model lacks something{none}{_or_wrong(fixed)}",
         "look at the residuals in the report; check what is held fixed, and when the edges were applied; values that "
         "rest on this output may be wrong by more than their intervals say",
         channel=left.output,

@@ -142,6 +142,11 @@ def open_ends(unknown: Unknown) -> tuple[float, float]:
     )
 
 
+def has_open_end(unknown: Unknown, interval: tuple[float, float]) -> bool:
+    """Whether nothing limits a parameter on one side: a value would say more than is known."""
+    return math.isinf(interval[0]) or math.isinf(interval[1]) or (unknown.log and interval[0] == 0.0)
+
+
 def beside_bounds(unknown: Unknown, low: float, high: float) -> tuple[float, float]:
     """The values of two entries, of which an infinite one leaves that side open, up to a bound that means something.
 

@@ -22,6 +22,9 @@ _MUCH_MORE: Final = 2.0
 _NOTICED: Final = 0.05
 """Part of the range of the readings: who looks at the curve sees a drift that is larger."""
 
+_SCATTER: Final = 1.3
+"""Times the scatter of neighbouring readings: a noise that grows under voltage is no error of the model."""
+
 
 def noise_findings(problem: Problem, correlated: Correlated, found: Uncertainty) -> list[Finding]:
     """A finding for each output whose residuals are not white, and one where no noise describes them.
@@ -66,14 +69,14 @@ def noise_findings(problem: Problem, correlated: Correlated, found: Uncertainty)
         if (place, output) in wrong:
             continue
         walks = (place, output) in drifting
-        grows = f"larger where the {output} is, up to {growth.times:.2g} times (Spearman, p < 0.1 %)"
+        grows = f"grows with it up to {growth.times:.2g} times (Spearman, p < 0.1 %)"
         findings.append(
             Finding(
                 "noise-not-described" if walks else "noise-grows",
                 "warning" if walks else "info",
-                f"{labels[place]}: {output} drifts, and its noise is {grows}: errors and intervals may be too small"
+                f"{labels[place]}: the {output} drifts and its noise {grows}: intervals may be too small"
                 if walks
-                else f"{labels[place]}: the noise of {output} is {grows}: errors and intervals allow for it",
+                else f"{labels[place]}: the noise of the {output} {grows}: errors and intervals allow for it",
                 "look at the residuals in the report; a further branch or stage may help, or another range of the "
                 "converter",
                 channel=output,
@@ -86,9 +89,8 @@ def noise_findings(problem: Problem, correlated: Correlated, found: Uncertainty)
                 Finding(
                     "noise-not-described",
                     "warning",
-                    f"{labels[place]}: {output} drifts, and what no model of its noise describes is autocorrelated too "
-                    "(Ljung-Box, p < 0.1 %): a sum of autocovariances does not hold under a drift, so errors and "
-                    "intervals may be too small",
+                    f"{labels[place]}: the {output} drifts, and no noise model describes the rest (Ljung-Box, "
+                    "p < 0.1 %): intervals may be too small, for a sum of autocovariances does not hold under a drift",
                     "look at the residuals in the report; a further branch or stage may help; leave out what drifts",
                     channel=output,
                 )
@@ -133,11 +135,12 @@ def drift_findings(problem: Problem, observations: Sequence[Observation]) -> lis
 
 
 def _model_error(correlated: Correlated, key: Key) -> tuple[float, float] | None:
-    """What a fit leaves at 0 V and under voltage, where that is much more."""
+    """What a fit leaves at 0 V and under voltage, where that is much more, and more than readings scatter by."""
     if key not in correlated.shapes or correlated.is_weighted:
         return None
     sizes = at_rest_and_driven(correlated, key)
-    return sizes if sizes is not None and sizes[1] > _MUCH_MORE * sizes[0] else None
+    scatter = correlated.problem.record_at(key[0]).readings[key[1]].noise
+    return sizes if sizes is not None and sizes[1] > max(_MUCH_MORE * sizes[0], _SCATTER * scatter) else None
 
 
 def _model_is_wrong(label: str, output: str, at_rest: float, driven: float) -> Finding:
@@ -146,8 +149,8 @@ def _model_is_wrong(label: str, output: str, at_rest: float, driven: float) -> F
     return Finding(
         "model-error",
         "warning",
-        f"{label}: the model leaves {left} (rms) of the {output} under voltage, and its noise at 0 V is {noise}. The "
-        "model lacks something; the intervals count what it leaves as noise",
+        f"{label}: under voltage the model leaves {left} (rms) of the {output}, where the noise at 0 V is {noise}: it "
+        "lacks something, and the intervals count what it leaves as noise",
         "look at the residuals in the report; another branch or stage may help: ipmclab choose",
         channel=output,
         values={"driven": driven, "at_rest": at_rest},
@@ -160,8 +163,8 @@ def _hum(label: str, output: str, hum: Hum) -> Finding:
         "noise-not-described",
         "warning",
         f"{label}: the {output} holds a hum of {hum.frequency:.3g} Hz with an amplitude of "
-        f"{channel.to_display(hum.amplitude):.2g} {channel.display_unit}, which no noise here describes: errors and "
-        "intervals, above all of what an edge determines, may be too small",
+        f"{channel.to_display(hum.amplitude):.2g} {channel.display_unit}: intervals, above all of what an edge "
+        "determines, may be too small, for no noise model describes it",
         "find its source; at a rate below twice its frequency the mains shows itself at another one: read faster, or "
         "average over a period of the mains",
         channel=output,

@@ -40,7 +40,7 @@ def cures_of(names: Sequence[str], row: FloatArray, outputs: Sequence[str]) -> t
     moved = {name.split("[")[0] for name, part in zip(names, row, strict=True) if abs(part) > MOVED}
     found = [Cure(f"measure {name}", sentence) for name, sentence in measurements() if name in moved]
     leans = not (in_group(MOTION, names) or _is_of_sensors(moved))
-    known = " (if the coupling is known from elsewhere)" if leans else ""
+    known = " with a known coupling" if leans else ""
     for output in outputs:
         said = f"add a {output} run" if output == outputs[0] else f"a {output} run"
         found.append(Cure(f"record {output}", said + (known if output == outputs[-1] else "")))

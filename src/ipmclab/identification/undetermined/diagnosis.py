@@ -156,7 +156,7 @@ def _at_bounds(unknowns: Sequence[Unknown], moved: Sequence[str], actuator: Actu
 def _shown_by(
     unknowns: Sequence[Unknown], row: FloatArray, records: Sequence[PreparedRun], actuator: Actuator
 ) -> tuple[str, ...]:
-    """Outputs beside those that were read that would show a combination, in one run or another."""
+    """Outputs that no run has and that would show a combination, in one run or another."""
     largest = max(float(np.abs(record.run.voltage).max()) for record in records)
     found: list[str] = []
     for record in records:
@@ -165,9 +165,8 @@ def _shown_by(
         bases, parts = [base for base, _ in own], np.array([part for _, part in own])
         if not np.any(np.abs(parts) > MOVED):
             continue
-        found += [
-            name for name in others(actuator, bases, _outputs(records), parts, voltage=largest) if name not in found
-        ]
+        there = [*_outputs(records), *(name for one in records for name in one.run.channels)]
+        found += [name for name in others(actuator, bases, there, parts, voltage=largest) if name not in found]
         if not any(unknown.place is not None for unknown in unknowns):
             break
     return tuple(found)

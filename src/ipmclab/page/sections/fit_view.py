@@ -38,6 +38,7 @@ _OUTPUTS: Final = {
     "output": "output",
     "fit": "fit",
     "rmse": "RMSE",
+    "of_range": "of range",
     "noise": "noise",
     "left": "what is left",
 }

@@ -77,6 +77,22 @@ def band(
     panel.fill_between(at, low, high, step=step, color=COLOURS["sky"], alpha=0.35, linewidth=0, label=label)
 
 
+def scale_to_lines(panel: Axes) -> None:
+    """Scale a panel to its lines; a wider band is shown up to half of their span on either side."""
+    ends = [end for line in panel.lines for end in _ends(np.asarray(line.get_ydata(), dtype=float))]
+    if not ends:
+        return
+    low, high = min(ends), max(ends)
+    room = 0.5 * (high - low) or 1.0
+    below, above = panel.dataLim.intervaly
+    panel.set_ylim(max(below, low - room) - 0.1 * room, min(above, high + room) + 0.1 * room)
+
+
+def _ends(values: FloatArray) -> list[float]:
+    known = values[np.isfinite(values)]
+    return [float(known.min()), float(known.max())] if len(known) else []
+
+
 def held_curve(panel: Axes, time: FloatArray, voltage: FloatArray, hold: str, **look: Any) -> None:
     """Draw a voltage as it was held between the rows."""
     shape = {"zero": "steps-post", "zero-before": "steps-pre"}.get(hold, "default")

@@ -18,6 +18,7 @@ from ipmclab.reporting.figures.panels import (
     legend_above,
     model_series,
     name_panel,
+    scale_to_lines,
     shade,
     stacked,
 )
@@ -65,5 +66,8 @@ def prediction_figure(run: Run, models: Mapping[str, Mapping[str, Comparison]]) 
             name_panel(above, quantity.name, quantity, ticks=5)
             name_panel(below, "measured − model", quantity, ticks=2, bold=False)
             below.axhline(0.0, color=COLOURS["muted"], linewidth=0.5)
+            # A band that is far wider than the record would flatten it: the caption says how wide it is.
+            scale_to_lines(above)
+            scale_to_lines(below)
             legend_above(above)
     return figure

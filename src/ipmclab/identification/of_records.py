@@ -1,0 +1,77 @@
+"""What a fit says of its records: what changed the readings that it used, and what to think of its numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence, Set
+from dataclasses import replace
+from typing import Final
+
+from ipmclab.identification.problem.record import PreparedRun
+from ipmclab.model import Actuator
+from ipmclab.run import Finding
+
+NOISE: Final = "nothing but noise"
+_RISES: Final = "current-rises"
+
+_ALWAYS_TOLD: Final = frozenset({"sampling-period-unknown", _RISES})
+"""Findings of a record that are no errors, but on which numbers of the fit hang."""
+
+
+def findings_of_records(
+    actuator: Actuator, records: Sequence[PreparedRun], found: Sequence[Sequence[Finding]]
+) -> tuple[Finding, ...]:
+    """Findings of the records that change what enters the fit, or what to think of it, with the run they belong to.
+
+    Parameters
+    ----------
+    actuator : Actuator
+        With a slow leak, a current that rises is no news.
+    records : sequence of PreparedRun
+    found : sequence of sequence of Finding
+        What ``check`` says of each.
+    """
+    explained = {_RISES} if actuator.structure.slow_leak else set()
+    return tuple(
+        _in_fit(finding, record.label)
+        for record, findings in zip(records, found, strict=True)
+        for finding in findings
+        if finding.code not in explained
+        and (
+            finding.severity == "error"
+            or (finding.channel == "voltage" and finding.samples)  # it drives the model
+            or (
+                (finding.effect != "none" or finding.code in _ALWAYS_TOLD)
+                and (finding.channel is None or finding.channel in record.readings)
+            )
+        )
+    )
+
+
+def _in_fit(finding: Finding, label: str) -> Finding:
+    """A finding of a record as a fit says it: where the contact was missing, the fit has the voltage at 0."""
+    late = finding.code == "contact-missing"
+    return replace(
+        finding,
+        severity="warning" if late else finding.severity,
+        message=f"{label}: {finding.message}{'; the fit takes the voltage as 0 V there' if late else ''}",
+    )
+
+
+def left_out_of(record: PreparedRun, which: Set[str], why: str) -> Finding:
+    """``channel-left-out``: channels that the free parameters ask for and that hold nothing to be fitted.
+
+    Parameters
+    ----------
+    record : PreparedRun
+    which : set of str
+    why : str
+        What they held: ``NOISE``, or no usable reading.
+    """
+    listed, verb = " and ".join(sorted(which)), "was" if len(which) == 1 else "were"
+    return Finding(
+        "channel-left-out",
+        "info" if why == NOISE else "warning",  # check warns of noise, and nothing is lost by leaving it out
+        f"{record.label}: {listed} held {why} and {verb} left out of the fit",
+        "check that the instrument was connected and in range",
+        channel=min(which) if len(which) == 1 else None,
+    )

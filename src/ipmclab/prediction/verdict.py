@@ -1,0 +1,121 @@
+"""What a validation says in sentences: what is predicted of runs that a model never saw, and what is not."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+
+from ipmclab.identification.environment.remarks import EXTRAPOLATED
+from ipmclab.prediction.open_coupling import NOT_IDENTIFIED
+from ipmclab.prediction.scores import score
+from ipmclab.prediction.validate import RunValidation, Validation
+from ipmclab.units import CHANNELS
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """The outcome of a validation.
+
+    Parameters
+    ----------
+    predicted : mapping of output to float [percent]
+        The fit over the new runs of which it is above zero.
+    missed : tuple of (output, run, fit [percent])
+        Each output of a new run that a constant would have met better.
+    sentences : tuple of str
+    """
+
+    predicted: dict[str, float]
+    missed: tuple[tuple[str, str, float], ...]
+    sentences: tuple[str, ...]
+
+
+def verdict_of(validation: Validation, percent: Callable[[float], str] = "{:.1f} %".format) -> Verdict:
+    """What a validation says of the runs that its actuator was not identified from.
+
+    Displacement and force that rest on a coupling which no fit gave are not judged.
+
+    Parameters
+    ----------
+    validation : Validation
+    percent : function of float
+        How a fit is written.
+
+    Examples
+    --------
+    >>> from ipmclab import load_actuator, simulate, validate
+    >>> strip = load_actuator("friend-2")
+    >>> run = simulate(strip, "square 1 V 0.1 Hz", duration=20.0, rate=50.0)
+    >>> print(*verdict_of(validate(strip.replace(**{"circuit.dc_resistivity": 40.0}), run)).sentences)
+    From its voltage alone the model predicts 1 run that it never saw: current with a fit of 99.1 %, \
+displacement with a fit of 99.0 % and force with a fit of 99.0 %.
+    """
+    fresh = [one for one in validation.runs if not one.used_in_fit]
+    guessed = any(one.code == NOT_IDENTIFIED for one in validation.findings)
+    outputs = [name for name in validation.scores if name == "current" or not guessed]
+    predicted, missed, sentences = {}, [], []
+    for output in outputs:
+        fits = {one.label: one.scores[output].fit_percent for one in fresh if output in one.scores}
+        missed += [(output, label, fit) for label, fit in fits.items() if fit is not None and fit <= 0.0]
+        good = [one.comparisons[output] for one in fresh if (fits.get(one.label) or 0.0) > 0.0]
+        pooled = score(output, good).fit_percent if good else None
+        if pooled is not None:
+            predicted[output] = pooled
+    if predicted:
+        met = [
+            one
+            for one in fresh
+            if any((one.scores[name].fit_percent or 0.0) > 0.0 for name in outputs if name in one.scores)
+        ]
+        told = _listed([f"{CHANNELS[name].name} with a fit of {percent(fit)}" for name, fit in predicted.items()])
+        sentences.append(f"From its voltage alone the model predicts {_runs(met)} that it never saw: {told}.")
+    if missed:
+        told = _listed(
+            [
+                f"the {CHANNELS[output].name} of "
+                + _listed([f"{label} ({percent(fit)})" for name, label, fit in missed if name == output])
+                for output in dict.fromkeys(name for name, *_ in missed)
+            ]
+        )
+        sentences.append(
+            f"It does not predict {told}: a constant would have been nearer. The strip or its state was another one "
+            "(water, contact, temperature), or the model holds for the voltages of its own runs only."
+        )
+    if fresh and not (predicted or missed):
+        sentences.append(f"Nothing could be scored in {_runs(fresh)} that the model never saw.")
+    if guessed:
+        sentences.append(
+            "Displacement and force are not judged: the fit did not identify the coupling, so the file's own values "
+            "predict them."
+        )
+    beyond = [
+        one.label
+        for one in fresh
+        if any(
+            said.code == EXTRAPOLATED and said.message.startswith(f"{one.label} is at") for said in validation.findings
+        )
+    ]
+    if beyond:
+        sentences.append(
+            f"{_listed(beyond)} {_was(beyond)} recorded in an environment outside that of the fit: the scores are "
+            "those of an extrapolation."
+        )
+    used = [one.label for one in validation.runs if one.used_in_fit]
+    if used:
+        sentences.append(
+            f"{_listed(used)} {_was(used)} used to identify it: those scores show the fit, not a prediction."
+        )
+    return Verdict(predicted, tuple(missed), tuple(sentences))
+
+
+def _runs(runs: Sequence[RunValidation]) -> str:
+    return f"{len(runs)} run{'s' if len(runs) > 1 else ''}"
+
+
+def _was(names: Sequence[str]) -> str:
+    return "was" if len(names) == 1 else "were"
+
+
+def _listed(items: Iterable[str]) -> str:
+    *most, last = list(items) or [""]
+    return f"{', '.join(most)} and {last}" if most else last

@@ -1,0 +1,71 @@
+"""What a validation says in sentences: of the new runs alone, each that is missed by its name."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ipmclab import Run, identify, load_actuator, simulate, validate
+from ipmclab.model import Actuator
+from ipmclab.prediction.fitted import fitted_outputs
+from ipmclab.prediction.scores import score
+from ipmclab.prediction.verdict import verdict_of
+
+
+@pytest.fixture(scope="module")
+def strip() -> Actuator:
+    return load_actuator("friend-2")
+
+
+def named(run: Run, name: str) -> Run:
+    return replace(run, file=name)
+
+
+def test_each_run_that_is_missed_is_named(strip: Actuator) -> None:
+    run = simulate(strip, "square 1 V 0.1 Hz", duration=20.0, rate=50.0)
+    turned = replace(run, current=-np.asarray(run.current))
+    found = verdict_of(validate(strip, [named(run, "good.nc"), named(turned, "turned.nc")]))
+    assert found.predicted["current"] == pytest.approx(100.0)
+    # A prediction of the opposite sign leaves twice the reading: with its mean near zero, a fit of about -100 %.
+    ((output, label, fit),) = found.missed
+    assert (output, label) == ("current", "turned.nc")
+    assert fit == pytest.approx(-100.0, abs=5.0)
+    said = " ".join(found.sentences)
+    assert "current with a fit of 100.0 %" in said
+    assert f"It does not predict the current of turned.nc ({fit:.1f} %)" in said
+
+
+def test_a_coupling_that_no_fit_gave_is_not_judged(strip: Actuator) -> None:
+    step, square = (
+        named(simulate(strip, signal, duration=20.0, rate=50.0), f"{signal[:2]}.nc")
+        for signal in ("step 1 V", "square 1 V 0.1 Hz")
+    )
+    fit = identify(strip.replace(**{"coupling.gain": 1e-9}), replace(step, displacement=None, force=None))
+    found = verdict_of(validate(fit.actuator, square))
+    assert set(found.predicted) == {"current"}
+    assert found.missed == ()
+    assert "the fit did not identify the coupling" in " ".join(found.sentences)
+    fitted = validate(fit.actuator, square, used=[square.content_sha256])
+    assert verdict_of(fitted).sentences[-1].startswith("sq.nc was used to identify it")
+    assert verdict_of(fitted).predicted == {}
+
+
+def test_a_run_of_the_fit_has_one_score_wherever_it_is_said(strip: Actuator) -> None:
+    """Where a sensor drifts, too: the report's table and a validation measure what was read."""
+    generator = np.random.default_rng(20261121)
+    clean = simulate(strip, "step 1 V delay=4 s", duration=30.0, rate=25.0)
+    drift = 2e-4 * clean.time
+    read = np.asarray(clean.current) + drift + 1e-4 * generator.standard_normal(len(clean))
+    run = Run.from_arrays(time=clean.time, voltage=clean.voltage, current=read)
+    fit = identify(strip, run, free="electrical")
+    assert fit.observations[0].drift["current"] == pytest.approx(2e-4, rel=0.2)
+    of_fit = score("current", [fitted_outputs(fit, run, 0)["current"]])
+    of_run = validate(fit, run).scores["current"]
+    assert of_run.fit_percent == pytest.approx(of_fit.fit_percent, abs=1e-6)
+    assert of_run.rmse_percent_of_range == pytest.approx(of_fit.rmse_percent_of_range, rel=1e-6)
+    # And what the verdict of the fit says: the residual over the range of the readings.
+    observation = fit.observations[0]
+    told = 100.0 * observation.noise["current"] / observation.span["current"]
+    assert of_run.rmse_percent_of_range == pytest.approx(told, rel=0.02)
