@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ipmclab.model.blocks import Block, Law, Matrix
+from ipmclab.model.blocks import Block, Law, Matrix, solve
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,7 +128,7 @@ def assemble(
         if port in outside:
             here[..., index, n + outside.index(port)] = 1.0
     try:
-        solved = np.linalg.solve(np.eye(len(input_ports)) - picked_d, here)
+        solved = solve(np.eye(len(input_ports)) - picked_d, here)
     except np.linalg.LinAlgError as error:
         raise ValueError(f"the ports {input_ports} form a loop that has no solution") from error
     from_states, from_outside = solved[..., :n], solved[..., n:]
