@@ -4,10 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from ipmclab import load_actuator
 from ipmclab.model import Actuator, sensitivities, simulate_outputs
-from ipmclab.model.sensitivity import Sensitivities
+from ipmclab.model.numerics.dense import law_parts
+from ipmclab.model.numerics.timeline import divided, timeline
+from ipmclab.model.ports import OUTPUTS
+from ipmclab.model.sensitivity import Kept, Sensitivities
+from tests import profiles
+from tests.model import leaking
 
 TIME = np.arange(60) / 50.0
 VOLTAGE = 3.0 * np.sin(4.0 * TIME) + np.random.default_rng(20261121).normal(scale=0.3, size=60)
@@ -144,3 +151,71 @@ def test_only_what_the_chosen_outputs_see_is_carried() -> None:
             assert np.all(np.abs(ours - expected) <= 1e-11 * scale + 1e-18), (outputs, part)
     beam = [index for index, name in enumerate(actuator.state_names) if name.startswith("beam.")]
     assert not np.any(every.states[0][:, beam])
+
+
+DRAWN = (
+    "friend-2+leak.exponential",
+    "friend-2+branches=3+leak.exponential",
+    "friend-2+leak.cubic+relaxation.displacement",
+    "friend-2+branches=1+leak.butler_volmer+leak.slow",
+    "friend-2+leak.exponential+clamp",
+    "friend-2+leak.butler_volmer+line.segments=3",
+)
+
+UNCHANGED = ("geometry.", "clamp.")
+
+
+@profiles.costly(4)
+@given(data=st.data())
+def test_against_the_same_recursion_in_complex_numbers(data: st.DataObject) -> None:
+    """Values and derivatives by parameters, to ten digits of the largest."""
+    seed = data.draw(st.integers(0, 2**32), label="seed")
+    random = np.random.default_rng(seed)
+    actuator = load_actuator(data.draw(st.sampled_from(DRAWN), label="strip"))
+    names = [name for name, about in actuator.parameters().items() if about.transform != "count"]
+    changed = {name: actuator[name] * random.uniform(0.7, 1.3) for name in names if not name.startswith(UNCHANGED)}
+    for name in names:  # laws that give much, from a voltage that a node has in a few rows
+        if name.endswith(("current_density", ".cubic")):
+            changed[name] *= 10.0 ** random.uniform(0.0, 3.0)
+        elif name.endswith(".threshold"):
+            changed[name] *= random.uniform(0.1, 1.0)
+        elif name.endswith((".linear", ".quadratic")):
+            changed[name] = random.uniform(0.0, 50.0)
+    actuator = actuator.replace(**changed)
+    hold = data.draw(st.sampled_from(["zero", "zero-before", "first"]), label="hold")
+    delay = data.draw(st.sampled_from([0.0, 0.004, -0.013]), label="delay")
+    rate = data.draw(st.sampled_from([25.0, 50.0, 400.0]), label="rate")
+    at_rest = data.draw(st.booleans(), label="at rest")
+    outputs = data.draw(st.sampled_from([("current",), ("displacement", "current")]), label="outputs")
+    rows = 16
+    time = (np.arange(rows) + data.draw(st.sampled_from([0.0, 0.2])) * random.uniform(-1.0, 1.0, rows)) / rate
+    voltage = np.repeat(random.uniform(-4.0, 4.0, rows), random.integers(1, 4, rows))[:rows]
+    count = len(actuator.state_names)
+    state = None if at_rest else np.append(random.normal(scale=0.3, size=count - 2), [1e-4, -1e-3])
+    found = sensitivities(actuator, names, time, voltage, hold, outputs=outputs, initial_state=state, delay=delay)
+
+    line = timeline(time, voltage, hold, delay=delay, from_rest=at_rest)
+    line = divided(line, law_parts(line.durations))
+    begin = np.zeros(count) if state is None else state
+    places = [OUTPUTS.index(name) for name in outputs]
+    values, moved = leaking.outputs(actuator, names, line, begin)
+    values, moved = values[places], moved[:, places].transpose(1, 2, 0)
+    size = np.max(np.abs(values), axis=1)
+    assert np.all(np.max(np.abs(found.values - values), axis=1) < 1e-11 * size)
+    scaled = np.array([actuator[name] or 1.0 for name in names])
+    largest = np.maximum(np.max(np.abs(moved), axis=1), 1e-2 * size[:, None] / scaled)
+    worst = np.max(np.abs(found.parameters - moved), axis=1) / largest
+    assert np.all(worst < 1e-10), dict(zip(names, worst.max(axis=0), strict=True))
+
+
+def test_what_one_record_has_left_is_not_seen_by_the_next() -> None:
+    """Rooms that loops write on are kept from record to record, which may be shorter or longer."""
+    actuator, kept = strip("segments"), Kept()
+    names = ["leak.cubic.cubic", "circuit.dc_resistivity"]
+    for rows in (60, 17, 60):
+        for outputs in (["current"], ["force", "current"]):
+            own = TIME[:rows], VOLTAGE[:rows]
+            again = sensitivities(actuator, names, *own, "zero", outputs=outputs, kept=kept)
+            alone = sensitivities(actuator, names, *own, "zero", outputs=outputs)
+            assert np.array_equal(again.values, alone.values)
+            assert np.array_equal(again.parameters, alone.parameters)

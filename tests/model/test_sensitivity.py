@@ -10,7 +10,9 @@ import scipy.signal
 
 from ipmclab import InputError
 from ipmclab.model import Actuator, sensitivities, simulate_outputs
+from ipmclab.model.joined import Joined
 from ipmclab.model.numerics import tangents_modal
+from ipmclab.model.numerics.tangents_modal import Modes
 from ipmclab.model.sensitivity import Kept, _Point
 from ipmclab.model.variants import with_stages
 from tests.independent.thesis import FRIEND_2, OUTPUTS, Strip, respond
@@ -245,6 +247,10 @@ def test_what_is_kept_and_what_is_left_out_change_nothing(
 NAMES = ("circuit.dc_resistivity", "circuit.branches.0.permittivity", "coupling.p1", "coupling.p2", "beam.modulus")
 
 
+def modes_of(strip: Actuator) -> Modes | None:
+    return _Point(Joined.of(strip, NAMES, range(4), ())).modes
+
+
 @pytest.mark.parametrize("hold", HOLDS)
 @pytest.mark.parametrize("clock", ["even", "uneven"])
 @pytest.mark.parametrize("at_rest", [True, False])
@@ -263,7 +269,7 @@ def test_by_modes_and_by_the_matrix_exponential_they_are_the_same(
         by = one.parameters * np.array([strip[name] for name in NAMES]) / size
         return one.values / size[:, :, 0], by, one.states, one.delay
 
-    assert _Point.of(strip, NAMES, range(4)).modes is not None
+    assert modes_of(strip) is not None
     by_modes = found()
     monkeypatch.setattr(tangents_modal, "LOST", 0.0)  # never sure enough
     for one, other in zip(by_modes, found(), strict=True):
@@ -276,13 +282,13 @@ def test_where_modes_lose_digits_they_are_not_used(friend_2: Actuator) -> None:
     double = friend_2.replace(**{"coupling.p1": 16.0, "coupling.p2": 64.0})
     nearly = friend_2.replace(**{"coupling.p1": 16.0, "coupling.p2": 64.0 * (1.0 + 1e-9)})
     for strip in (double, nearly):
-        assert _Point.of(strip, NAMES, range(4)).modes is None
+        assert modes_of(strip) is None
 
 
 def test_modes_that_take_hours_beside_a_beam_that_swings(friend_2: Actuator, monkeypatch: pytest.MonkeyPatch) -> None:
     """In the whole matrix, whose norm is that of the beam, half of the slowest pole's digits were rounding."""
     slow = friend_2.replace(**{"circuit.dc_resistivity": 1e8, "circuit.branches.1.permittivity": 1e3})
-    assert _Point.of(slow, NAMES, range(4)).modes is not None
+    assert modes_of(slow) is not None
     by_modes = sensitivities(slow, NAMES, TIME, rough(), "zero", delay=0.3 * PERIOD)
     monkeypatch.setattr(tangents_modal, "LOST", 0.0)
     by_exponentials = sensitivities(slow, NAMES, TIME, rough(), "zero", delay=0.3 * PERIOD)

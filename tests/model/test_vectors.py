@@ -9,8 +9,8 @@ import pytest
 
 from ipmclab.model.numerics.compiled import kernel
 from ipmclab.model.numerics.law_loop import law, solve_several
-from ipmclab.model.numerics.law_rows_loop import PAST_ROWS, WORK_ROWS, guess, law_rows, nearby, remember
-from ipmclab.model.numerics.vectors_loop import WIDTH, begin_of, exponential, load, store, turned
+from ipmclab.model.numerics.law_rows_loop import LAW_ROWS, PAST_ROWS, WORK_ROWS, guess, nearby, put_laws, remember
+from ipmclab.model.numerics.vectors_loop import WIDTH, begin_of, exponential, filled, load, store, turned
 
 
 @kernel
@@ -78,8 +78,9 @@ def test_laws_of_any_number_of_ports_are_solved_from_nearby(form: int, count: in
             [steepness * random.uniform(0.5, 2.0, count), random.uniform(0.0, 0.5, count), np.ones(count)]
         )
         k[:, 2] = random.uniform(0.05, 0.5, count)
-        forms, laws = np.full(count, form), law_rows(form, k)
-        width = laws.shape[1]
+        forms, width = np.full(count, form), filled(count)
+        laws = np.zeros((LAW_ROWS, width))
+        put_laws(form, k, laws)
         columns, r = np.zeros((count, width)), np.zeros(width)
         columns[:, :count], r[:count] = q.T, 2.0 * random.normal(size=count)
         p, w = np.zeros(count), np.zeros(count)

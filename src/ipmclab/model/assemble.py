@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from ipmclab.model.blocks import Block, Law, Matrix
+from ipmclab.model.blocks import Block, Law, Matrix, solve
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,7 +128,7 @@ def assemble(
         if port in outside:
             here[..., index, n + outside.index(port)] = 1.0
     try:
-        solved = np.linalg.solve(np.eye(len(input_ports)) - picked_d, here)
+        solved = solve(np.eye(len(input_ports)) - picked_d, here)
     except np.linalg.LinAlgError as error:
         raise ValueError(f"the ports {input_ports} form a loop that has no solution") from error
     from_states, from_outside = solved[..., :n], solved[..., n:]
@@ -154,36 +154,4 @@ def assemble(
         )
         if laws
         else None,
-    )
-
-
-def one_by_one(system: System, sets: int) -> tuple[System, ...]:
-    """The system of each of many parameter sets.
-
-    Parameters
-    ----------
-    system : System
-        With or without an axis of sets first in its matrices.
-    sets : int
-    """
-
-    def each(matrix: Matrix) -> Matrix:
-        return np.broadcast_to(matrix, (sets, *matrix.shape[-2:]))
-
-    a, b, c, d = (each(matrix) for matrix in (system.a, system.b, system.c, system.d))
-    ports = system.law_ports
-    laws: list[LawPorts | None] = [None] * sets
-    if ports is not None:
-        drive, reach, c_law, d_law, loop = (
-            each(one) for one in (ports.drive, ports.reach, ports.c, ports.d, ports.loop)
-        )
-        coefficients = [[np.broadcast_to(one, sets) for one in law.coefficients] for law in ports.laws]
-        for k in range(sets):
-            here = tuple(
-                replace(law, coefficients=tuple(one[k] for one in own))
-                for law, own in zip(ports.laws, coefficients, strict=True)
-            )
-            laws[k] = LawPorts(here, drive[k], reach[k], c_law[k], d_law[k], loop[k])
-    return tuple(
-        System(system.states, system.inputs, system.outputs, a[k], b[k], c[k], d[k], laws[k]) for k in range(sets)
     )

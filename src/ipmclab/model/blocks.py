@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ipmclab.model.terms import is_zero
+
 Matrix = npt.NDArray[Any]
 """A float or, while a derivative is taken, complex matrix."""
 
@@ -102,6 +104,25 @@ def _matrix(rows: Sequence[Sequence[Any]], height: int, width: int) -> Matrix:
     if flat.ndim == 1:
         return flat.reshape(height, width)
     return np.stack(np.broadcast_arrays(*entries), axis=-1).reshape(-1, height, width)
+
+
+def solve(matrix: Matrix, right: Matrix) -> Matrix:
+    """What solves ``matrix x = right``, of numbers or of terms.
+
+    Of terms, by elimination in the order of the rows: what belongs on the diagonal must stand there.
+    """
+    if matrix.dtype != object:
+        return np.linalg.solve(matrix, right)
+    left, found = matrix.copy(), right.astype(object)
+    every = range(len(left))
+    for i in every:
+        for j in every:
+            factor = left[j, i] / left[i, i]
+            if j != i and not is_zero(factor):
+                left[j] = left[j] - left[i] * factor
+                found[j] = found[j] - found[i] * factor
+    solved: Matrix = found / np.diagonal(left)[:, None]
+    return solved
 
 
 def standing_in(blocks: Sequence[Block]) -> tuple[Block, ...]:

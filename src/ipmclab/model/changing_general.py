@@ -18,12 +18,12 @@ from ipmclab.model.environment.panels import Panels
 from ipmclab.model.environment.transport import WaterCourse
 from ipmclab.model.environment.walk import Way, way_of
 from ipmclab.model.numerics.course import Course
-from ipmclab.model.numerics.dense import check_solved, law_numbers
+from ipmclab.model.numerics.dense import check_solved
 from ipmclab.model.numerics.discretise import transitions
 from ipmclab.model.numerics.reduce import reduced, seen_states
 
 if TYPE_CHECKING:
-    from ipmclab.model.numerics.dense_laws_loop import LawTable
+    from ipmclab.model.numerics.dense_loop import LawTable
     from ipmclab.model.numerics.drifting_loop import Knots
 
 FloatArray = npt.NDArray[np.float64]
@@ -130,21 +130,20 @@ class Making:
 
 
 def _knots(systems: Sequence[System], durations: FloatArray) -> tuple[LawTable, Knots]:
-    from ipmclab.model.numerics.dense_laws_loop import LawTable
+    from ipmclab.model.numerics.dense_loop import law_table
     from ipmclab.model.numerics.drifting_loop import Knots
 
     count, kinds = len(systems), len(durations)
     move = transitions(systems, durations)
     read = np.array([np.hstack([one.d, one.c]) for one in systems])
-    laws = [law_numbers(one, move.law_end[k]) for k, one in enumerate(systems) if one.law_ports is not None]
+    laws = [one.law_ports for one in systems if one.law_ports is not None]
+    table, drop = law_table(laws[0].laws if laws else ()), np.zeros((count, kinds + 1, 0, 0))
+    ports = np.zeros((count, 0, read.shape[2]))
     if laws:
-        table = LawTable(laws[0].forms, laws[0].coefficients)
-        drop = np.array([one.drop for one in laws])
-        ports = np.array([np.hstack([one.ports[1], one.ports[0]]) for one in laws])
+        ports = np.array([np.hstack([one.d, one.c]) for one in laws])
         read = np.concatenate([read, np.array([one.reach for one in laws])], axis=2)
-    else:
-        table = LawTable(np.zeros(0, dtype=np.int64), np.zeros((0, 3)))
-        drop, ports = np.zeros((count, kinds + 1, 0, 0)), np.zeros((count, 0, read.shape[2]))
+        loop, of_state = (np.array([getattr(one, name) for one in laws])[:, None] for name in ("loop", "c"))
+        drop = -np.concatenate([loop + of_state @ move.law_end, loop], axis=1)
     step = np.concatenate([move.constant, move.slope, move.state, move.law_begin], axis=-1)
     moves = [one.reshape(count, kinds, -1) for one in (step, move.law_end, drop[:, :kinds])]
     reads = [one.reshape(count, -1) for one in (read, ports, drop[:, kinds])]

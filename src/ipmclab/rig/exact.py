@@ -101,7 +101,6 @@ class ExactSystem:
         """The system over intervals of these lengths [ticks]."""
         if lengths not in self._dense:
             from ipmclab.model.numerics.dense import Dense
-            from ipmclab.model.numerics.discretise import Transition
 
             if len(self._dense) >= _KEPT:
                 self._dense.clear()
@@ -112,8 +111,8 @@ class ExactSystem:
             ramped = grown / np.maximum(np.array(lengths) * TICK, TICK)[:, None, None]
             constant = moves[:, :n, n : n + 1]
             # Within an interval the input has no slope.
-            move = Transition(moves[:, :n, :n], constant, np.zeros_like(constant), held - ramped, ramped)
-            self._dense[lengths] = Dense(self._system, move)
+            step = [constant, np.zeros_like(constant), moves[:, :n, :n], held - ramped, ramped]
+            self._dense[lengths] = Dense(self._system, np.concatenate(step, axis=-1))
         return self._dense[lengths]
 
     def _transition(self, ticks: int) -> FloatArray:

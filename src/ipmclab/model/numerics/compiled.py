@@ -53,7 +53,8 @@ def kernel(function: _Function) -> _Function:
     """
     config: Any = numba.config  # its settings are made at run time: no type checker knows them
     njit: Any = numba.njit
-    options: Any = {"error_model": "numpy", "nogil": True}
+    # Without the last, Numba makes a part of whatever a part calls.
+    options: Any = {"error_model": "numpy", "nogil": True, "forceinline": False}
     with _one_at_a_time:
         before = config.CACHE_DIR
         try:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -12,9 +12,7 @@ import numpy.typing as npt
 from ipmclab.model.assemble import System
 from ipmclab.model.blocks import Matrix
 
-_SERIES_REACH: Final = 0.25
-_SERIES_TERMS: Final = 14  # 0.5^15/15! is below 1e-16
-_LONG_TERMS: Final = 19  # 1/20! is below 1e-18
+FloatArray = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,14 +29,13 @@ class Transition:
     law_begin, law_end : matrix, shape (..., n_states, n_laws)
     """
 
-    state: Matrix
-    constant: Matrix
-    slope: Matrix
-    law_begin: Matrix
-    law_end: Matrix
+    state: FloatArray
+    constant: FloatArray
+    slope: FloatArray
+    law_begin: FloatArray
+    law_end: FloatArray
 
 
-@np.errstate(over="ignore", invalid="ignore")  # durations beyond floating point give NaN, which ``simulate`` refuses
 def transitions(systems: Sequence[System], durations: npt.ArrayLike) -> Transition:
     """The exact transitions over some durations, by the matrix exponential.
 
@@ -47,53 +44,67 @@ def transitions(systems: Sequence[System], durations: npt.ArrayLike) -> Transiti
     Parameters
     ----------
     systems : sequence of System
-        Systems with the same states: one, or one (complex) for each parameter of a derivative.
+        Systems with the same states.
     durations : float array, shape (n_durations,) [s]
+        Beyond floating point they give NaN, which ``simulate`` refuses.
 
     Returns
     -------
     transition : Transition, leading axes (n_systems, n_durations)
     """
-    n = len(systems[0].states)
-    inputs = [
-        system.b if (ports := system.law_ports) is None else np.hstack([system.b, ports.drive]) for system in systems
-    ]
-    m = inputs[0].shape[1]
-    steps = np.asarray(durations, dtype=np.float64)
-    # Displacement and velocity differ by the natural frequency: scaled alike, the exponential
-    # needs fewer squarings. The scales are powers of two, which cost no digit.
-    _, scales = balanced(systems[0].a.real)
-    kind = np.result_type(*(system.a for system in systems), *inputs)
-    # The exponential of [[A, B, 0], [0, 0, 1], [0, 0, 0]] t holds the state matrix, the response to a
-    # constant 1 (V, N or A) and, times t, the response to a slope that reaches 1 at t.
-    generator = np.zeros((len(systems), 1, n + 2 * m, n + 2 * m), kind)
-    for index, system in enumerate(systems):
-        generator[index, 0, :n, :n] = system.a * scales / scales[:, None]
-        generator[index, 0, :n, n : n + m] = inputs[index] / scales[:, None]
-    generator[..., range(n, n + m), range(n + m, n + 2 * m)] = 1.0
-    # An input is brought to about 1 by a power of two as well: its size costs neither squarings nor digits.
-    size = np.abs(generator[0, 0, :n, n : n + m]).max(axis=0, initial=0.0)
-    levels = np.exp2(np.round(np.log2(np.where(size > 0.0, size, 1.0))))
-    generator[..., :n, n : n + m] /= levels
-    # A jittering clock has as many durations as rows: one exponential serves all that lie close
-    # together, and a short series the small rest of each.
-    width = 2.0 * _SERIES_REACH / np.max(np.sum(np.abs(generator[0, 0]), axis=1))
-    _, group, counts = np.unique(np.round(steps / width), return_inverse=True, return_counts=True)
-    centres = np.bincount(group, weights=steps) / counts
-    exponential = _exponentials(generator * centres[:, None, None])[:, group]
-    rest = steps - centres[group]
-    if np.any(rest):
-        exponential = exponential @ _short_exponential(generator * rest[:, None, None])
-    held = exponential[..., :n, n : n + m] * scales[:, None] * levels
-    ramped = exponential[..., :n, n + m :] * scales[:, None] * levels / steps[:, None, None]
-    given = len(systems[0].inputs)
-    return Transition(
-        state=exponential[..., :n, :n] * scales[:, None] / scales,
-        constant=held[..., :given],
-        slope=ramped[..., :given],
-        law_begin=held[..., given:] - ramped[..., given:],
-        law_end=ramped[..., given:],
-    )
+    n, given = len(systems[0].states), len(systems[0].inputs)
+    steps = np.array([step_of(system, durations) for system in systems])
+    laws = (steps.shape[-1] - 2 * given - n) // 2
+    ends = np.cumsum([given, given, n, laws, laws])[:-1]
+    constant, slope, state, law_begin, law_end = np.split(steps, ends, axis=-1)
+    return Transition(state, constant, slope, law_begin, law_end)
+
+
+def step_of(system: System, durations: npt.ArrayLike) -> FloatArray:
+    """What intervals of some durations do to a system: the step of ``step_and_slopes``."""
+    ports = system.law_ports
+    drive = system.b if ports is None else np.hstack([system.b, ports.drive])
+    return step_and_slopes(system.a, drive, len(system.inputs), np.asarray(durations, dtype=np.float64))[0]
+
+
+def step_and_slopes(
+    a: FloatArray,
+    drive: FloatArray,
+    inputs: int,
+    durations: FloatArray,
+    moved: tuple[FloatArray, FloatArray] | None = None,
+) -> tuple[FloatArray, FloatArray]:
+    """What intervals do to a system, and the derivatives of that.
+
+    Parameters
+    ----------
+    a, drive : float arrays, shapes (n, n), (n, n_inputs + n_laws)
+    inputs : int
+        How many inputs there are before the laws.
+    durations : float array, shape (n_durations,) [s]
+    moved : pair of float arrays, optional
+        Derivatives of ``a`` and ``drive``, with an axis of columns behind, of a multiple of ``vectors_loop.WIDTH``.
+
+    Returns
+    -------
+    step : float array, shape (n_durations, n, 2 n_inputs + n + 2 n_laws)
+        The matrices of ``Transition`` side by side: constant, slope, state, law_begin and law_end.
+    by_step : float array
+        Its derivatives, with an axis of columns behind; without columns where none are given.
+    """
+    from ipmclab.model.numerics.transitions_loop import room, transition_slopes, transitions
+
+    n, driven = drive.shape
+    step = np.empty((len(durations), n, n + 2 * driven))
+    # Displacement and velocity differ by the natural frequency: scaled alike, fewer doubles are needed.
+    _, scales = balanced(a)
+    a, drive = np.ascontiguousarray(a, dtype=np.float64), np.ascontiguousarray(drive, dtype=np.float64)
+    written = room(n, driven, moved=moved is not None)
+    transitions(a, drive, inputs, scales, durations, written, step)
+    by_step = np.empty((*step.shape, 0 if moved is None else moved[0].shape[-1]))
+    if moved is not None:
+        transition_slopes(a, drive, inputs, *moved, scales, durations, written, by_step)
+    return step, by_step
 
 
 def balanced(matrix: Matrix) -> tuple[Any, Any]:
@@ -104,34 +115,3 @@ def balanced(matrix: Matrix) -> tuple[Any, Any]:
         return matrix, np.ones(len(matrix))
     found, _, _, scales, _ = dgebal(matrix, scale=1, permute=0)
     return found, scales
-
-
-def _exponentials(matrices: Matrix) -> Matrix:
-    """Exponentials of matrices of any norm, shape (n_systems, n_durations, n, n): scaled, by their series, squared.
-
-    What is squared is the exponential less 1, so that what moves slowly keeps its digits. Products of small matrices
-    are all it takes: scipy's expm hands them to threads, which on a busy machine costs a thousand times as much.
-    """
-    norms = np.max(np.sum(np.abs(matrices[0]), axis=-2), axis=-1)
-    within = np.clip(norms, 1.0, np.finfo(float).max)  # of one beyond floating point NaN comes out, and is refused
-    squarings = np.ceil(np.log2(within)).astype(np.int64)
-    scaled = matrices * np.exp2(-squarings)[:, None, None]
-    less_1: Matrix = scaled @ _short_exponential(scaled, terms=_LONG_TERMS, least=2)
-    for done in range(int(squarings.max(initial=0))):
-        some = np.flatnonzero(squarings > done)
-        part = less_1[:, some]
-        less_1[:, some] = 2.0 * part + part @ part
-    whole: Matrix = less_1 + np.eye(matrices.shape[-1])
-    return whole
-
-
-def _short_exponential(matrices: Matrix, *, terms: int = _SERIES_TERMS, least: int = 1) -> Matrix:
-    """Exponentials of matrices of a norm up to 2 ``_SERIES_REACH``, to rounding, by their series.
-
-    With ``least`` = 2 it is (exp(M) - 1)/M; with ``_LONG_TERMS`` terms the norm may be 1.
-    """
-    one = np.eye(matrices.shape[-1])
-    total = one + matrices / terms
-    for k in range(terms - 1, least - 1, -1):
-        total = one + matrices @ total / k
-    return total

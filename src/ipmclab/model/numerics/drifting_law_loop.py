@@ -15,7 +15,8 @@ from ipmclab.model.environment.path import Panel
 from ipmclab.model.environment.track_loop import Track, expect, go_on, look, no_lines, numbers_there, stay
 from ipmclab.model.numerics.compiled import kernel
 from ipmclab.model.numerics.kernels import multiply
-from ipmclab.model.numerics.law_modal_loop import BLOCK, follow, law_stretch
+from ipmclab.model.numerics.law_modal_loop import BLOCK, law_stretch
+from ipmclab.model.numerics.law_near_loop import follow
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -58,7 +59,7 @@ class Knots(NamedTuple):
     ----------
     modes : float array, shape (n_states, NUMBERS)
     step : float array, shape (n_states, n (n + 2)) or (n_states, 0)
-        Of a motion that is richer than that of the modes, as for ``kernels.dense``, flattened; it has n charges.
+        Of a motion that is richer than that of the modes, its matrix flattened; it has n charges.
     read : float array, shape (n_states, 2 (n + 1)) or (n_states, 0)
         Displacement and force of it, likewise.
     """
@@ -220,7 +221,7 @@ def _cross(driven: Driven, before: FloatArray, numbers: FloatArray, state: Float
     # Behind the new resistances the same voltage u leaks anew.
     u, series, v1, v2, v0 = state[6], numbers[6], numbers[31], numbers[32], numbers[7]
     k, r = driven.k, v1 * c1 + v2 * c2 + v0 * u
-    p, w = follow(driven.form, k[0], k[1], k[2], 1.0 / k[2], k, series * v0, r, state[12])
+    p, w = follow(driven.form, k[0], k[1], k[2], 1.0 / k[2], series * v0, r, state[12])
     e = u - series * w
     state[0], state[1] = c1 - numbers[2] * e, c2 - numbers[5] * e
     state[7], state[9], state[10], state[11], state[12] = e, e, 0.0, w, p

@@ -20,7 +20,7 @@ from ipmclab.model.environment.track_loop import (
 )
 from ipmclab.model.numerics.compiled import kernel
 from ipmclab.model.numerics.course import Course
-from ipmclab.model.numerics.dense_laws_loop import LawTable
+from ipmclab.model.numerics.dense_loop import LawTable
 from ipmclab.model.numerics.kernels import multiply
 from ipmclab.model.numerics.law_loop import solve_several
 
@@ -35,7 +35,7 @@ _LONG = 8
 class Knots(NamedTuple):
     """The system at all states of a panel.
 
-    Each as in ``dense_laws_loop``, flattened: ``moves`` (n_kinds, n_states, n_moves) has ``step``, ``law_end`` and
+    Each as in ``dense_loop``, flattened: ``moves`` (n_kinds, n_states, n_moves) has ``step``, ``law_end`` and
     ``drop`` of an interval one after the other, ``reads`` (n_states, n_reads) ``outputs``, ``ports`` and ``drop``
     within an instant.
     """
@@ -152,7 +152,7 @@ def drifting(
     water: FloatArray,
     outputs: FloatArray,
 ) -> tuple[int, bool]:
-    """As ``dense_laws_loop.dense_laws`` from an interval on, as far as a panel reaches.
+    """As ``dense_loop.dense`` from an interval on, as far as a panel reaches.
 
     Parameters
     ----------

@@ -65,7 +65,7 @@ def _write(read: FloatArray, reading: FloatArray, k: int, x: FloatArray, outputs
 
 @kernel
 def dense(step: FloatArray, read: FloatArray, course: Course, x: FloatArray, outputs: FloatArray) -> None:
-    """The state over intervals of any length, read wherever an interval begins at a row.
+    """The state over intervals of any length, read wherever an interval begins at a row; without laws.
 
     Parameters
     ----------
@@ -96,87 +96,6 @@ def dense(step: FloatArray, read: FloatArray, course: Course, x: FloatArray, out
             multiply(step, interval[i], from_here, new)
             for j in range(n):
                 x[j] = new[j]
-
-
-@kernel
-def dense_tangents(
-    state: FloatArray,
-    constant: FloatArray,
-    slope: FloatArray,
-    d_state: FloatArray,
-    d_constant: FloatArray,
-    d_slope: FloatArray,
-    interval: IndexArray,
-    start: FloatArray,
-    end: FloatArray,
-    row: IndexArray,
-    reading: FloatArray,
-    c: FloatArray,
-    d: FloatArray,
-    d_c: FloatArray,
-    d_d: FloatArray,
-    x: FloatArray,
-    tangents: FloatArray,
-    outputs: FloatArray,
-    d_outputs: FloatArray,
-) -> None:
-    """As ``dense``, with the derivatives of state and outputs carried along.
-
-    The tangents are the last axis everywhere, so that the innermost loops run over them side by side.
-
-    Parameters
-    ----------
-    d_state, d_constant, d_slope, d_c, d_d : float arrays, one axis of length n_parameters at the end
-        Derivatives of the matrices. Tangents beyond n_parameters have none (initial states).
-    tangents : float array, shape (n, n_tangents)
-        Derivatives of the state before the first interval; overwritten.
-    outputs, d_outputs : float arrays, shapes (n_outputs, n_time), (n_outputs, n_time, n_tangents)
-        Written.
-    """
-    n = x.shape[0]
-    every, forced = tangents.shape[1], d_d.shape[1]
-    new = np.empty(n)
-    moved = np.empty((n, every))
-    for i in range(row.shape[0]):
-        k = row[i]
-        if k >= 0:
-            for o in range(c.shape[0]):
-                total = d[o] * reading[k]
-                for j in range(n):
-                    total += c[o, j] * x[j]
-                outputs[o, k] = total
-                for t in range(every):
-                    d_outputs[o, k, t] = c[o, 0] * tangents[0, t]
-                for j in range(1, n):
-                    for t in range(every):
-                        d_outputs[o, k, t] += c[o, j] * tangents[j, t]
-                for t in range(forced):
-                    d_outputs[o, k, t] += d_d[o, t] * reading[k]
-                for j in range(n):
-                    for t in range(forced):
-                        d_outputs[o, k, t] += d_c[o, j, t] * x[j]
-        if i < interval.shape[0]:
-            m = interval[i]
-            u, du = start[i], end[i] - start[i]
-            for j in range(n):
-                for t in range(every):
-                    moved[j, t] = state[m, j, 0] * tangents[0, t]
-                for l in range(1, n):  # noqa: E741
-                    for t in range(every):
-                        moved[j, t] += state[m, j, l] * tangents[l, t]
-                for t in range(forced):
-                    moved[j, t] += d_constant[m, j, t] * u + d_slope[m, j, t] * du
-                for l in range(n):  # noqa: E741
-                    for t in range(forced):
-                        moved[j, t] += d_state[m, j, l, t] * x[l]
-                total = constant[m, j] * u + slope[m, j] * du
-                for l in range(n):  # noqa: E741
-                    total += state[m, j, l] * x[l]
-                new[j] = total
-            for j in range(n):
-                x[j] = new[j]
-                for t in range(every):
-                    tangents[j, t] = moved[j, t]
 
 
 @kernel

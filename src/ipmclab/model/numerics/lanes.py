@@ -18,7 +18,7 @@ from ipmclab.model.numerics.cascade import Wiring
 from ipmclab.model.numerics.compiled import kernel
 from ipmclab.model.numerics.discretise import balanced
 from ipmclab.model.numerics.lanes_loop import CHUNK, ENTRY, NONE, ONE
-from ipmclab.model.numerics.vectors_loop import WIDTH
+from ipmclab.model.numerics.vectors_loop import WIDTH, on_lines
 from ipmclab.run import Hold
 
 FloatArray = npt.NDArray[np.float64]
@@ -30,8 +30,6 @@ _REACH: Final = 0.25
 _SERIES: Final = 1.0 / np.array([math.factorial(k) for k in range(13)])
 
 _one_at_a_time: Final = threading.Lock()
-
-_LINE: Final = 8  # floats of a cache line: what begins on one is loaded at once
 
 Gathered = tuple[tuple[int, str], ...]
 """Output and name in ``lanes_loop.TALLIES``."""
@@ -144,7 +142,7 @@ class Lanes:
         count, first = -(-self.sets // WIDTH), self._states + 1 + self._outputs
         tallies = gathered or ()
         head = first + len(tallies)
-        flat = _aligned((count, (head + self._entries.shape[1]) * WIDTH))
+        (flat,) = on_lines((count, (head + self._entries.shape[1]) * WIDTH))
         groups = flat.reshape(count, -1, WIDTH)
         filled = np.minimum(np.arange(count * WIDTH), self.sets - 1)  # the last group is filled up with the last set
         groups[:, head:] = self._entries[filled].reshape(count, WIDTH, -1).transpose(0, 2, 1)
@@ -217,10 +215,3 @@ def _made(
     exec(compile(source, lanes_loop.__file__, "exec"), lanes_loop.WORDS, made)
     run: Callable[..., None] = kernel(made[name])
     return run
-
-
-def _aligned(shape: tuple[int, int]) -> FloatArray:
-    """Zeros that begin on a cache line."""
-    whole = np.zeros(shape[0] * shape[1] + _LINE)
-    begin = (-whole.ctypes.data // whole.itemsize) % _LINE
-    return whole[begin : begin + shape[0] * shape[1]].reshape(shape)

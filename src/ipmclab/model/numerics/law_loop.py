@@ -42,23 +42,6 @@ def law(form: int, k: FloatArray, p: float) -> tuple[float, float]:
     return math.copysign(2.0 * k[0] * math.sinh(half), p), k[0] / k[2] * math.cosh(half)
 
 
-@part
-def law_by_coefficients(form: int, k: FloatArray, p: float) -> tuple[float, float, float]:
-    """The derivatives of the current [A] of one law by its three coefficients."""
-    size = abs(p)
-    if form == CUBIC:
-        return p, p * size, p * size * size
-    if size < k[1]:
-        return 0.0, 0.0, 0.0
-    above = size - k[1]
-    if form == EXPONENTIAL:
-        slope = math.copysign(k[0] / k[2] * math.exp(above / k[2]), p)
-        return math.copysign(math.expm1(above / k[2]), p), -slope, -slope * above / k[2]
-    half = 0.5 * above / k[2]
-    slope = math.copysign(k[0] / k[2] * math.cosh(half), p)
-    return math.copysign(2.0 * math.sinh(half), p), -slope, -slope * above / k[2]
-
-
 @kernel
 def reach(form: int, k: FloatArray, current: float) -> float:
     """A voltage [V] from 0 up at which a law gives at least this current [A, above 0]; infinite where none does."""

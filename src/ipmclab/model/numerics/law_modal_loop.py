@@ -13,7 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.model.numerics.compiled import kernel
-from ipmclab.model.numerics.law_loop import CUBIC, EXPONENTIAL, solve_one
+from ipmclab.model.numerics.law_loop import CUBIC, EXPONENTIAL
+from ipmclab.model.numerics.law_near_loop import expand, follow, reaches
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -26,64 +27,6 @@ They are no arrays with names of their own: a piece of few rows would pay more f
 
 
 @kernel
-def follow(
-    form: int, k0: float, k1: float, k2: float, sharp: float, k: FloatArray, q: float, r: float, guess: float
-) -> tuple[float, float]:
-    """The one p and w = law(p) with ``p + q w = r``, by Halley's steps from a guess.
-
-    A step of which at most the 100,000th part of the law's scale is left to go is the last: its error goes with the
-    third power. What does not come that far is left to ``solve_one``, which cannot fail.
-
-    Parameters
-    ----------
-    form : int
-    k0, k1, k2 : float
-        The three entries of k.
-    sharp : float [1/V]
-        1/k2.
-    q, r, guess : float [ohm, V, V]
-    """
-    sign = 1.0 if r > 0.0 else -1.0
-    size = sign * r
-    if form != CUBIC and size <= k1:
-        return r, 0.0
-    p = sign * guess
-    least = 0.0 if form == CUBIC else k1
-    if p < least:
-        p = least
-    if p > size:
-        p = size
-    for _ in range(4):
-        if form == CUBIC:
-            w = p * (k0 + p * (k1 + p * k2))
-            first, second, third = k0 + p * (2.0 * k1 + p * 3.0 * k2), 2.0 * k1 + 6.0 * k2 * p, 6.0 * k2
-            scale = p
-        elif form == EXPONENTIAL:
-            grown = k0 * math.exp((p - k1) * sharp)
-            w, first = grown - k0, grown * sharp
-            second = first * sharp
-            third = second * sharp
-            scale = k2
-        else:
-            grown = math.exp(0.5 * (p - k1) * sharp)
-            shrunk = 1.0 / grown
-            w, first = k0 * (grown - shrunk), 0.5 * k0 * sharp * (grown + shrunk)
-            second, third = 0.25 * sharp * sharp * w, 0.25 * sharp * sharp * first
-            scale = k2
-        miss, steep = p + q * w - size, 1.0 + q * first
-        step = 2.0 * miss * steep / (2.0 * steep * steep - miss * q * second)
-        if abs(step) <= 1e-5 * scale:
-            w -= step * (first - step * (0.5 * second - step * third * (1.0 / 6.0)))
-            return sign * (p - step), sign * w
-        p -= step
-        if p < least:
-            p = least
-        if p > size:
-            p = size
-    return solve_one(form, k, q, r)
-
-
-@kernel
 def short_exponential(x: float) -> float:
     """exp(x) for at most an eighth, by its series to rounding, in an order that leaves little to wait for."""
     square = x * x
@@ -92,52 +35,6 @@ def short_exponential(x: float) -> float:
     middle = (1.0 / 24.0 + x * (1.0 / 120.0)) + square * (1.0 / 720.0 + x * (1.0 / 5040.0))
     high = (1.0 / 40320.0 + x * (1.0 / 362880.0)) + square * (1.0 / 3628800.0)
     return low + fourth * (middle + fourth * high)
-
-
-@kernel
-def expand(
-    form: int, k0: float, k1: float, k2: float, sharp: float, q: float, p: float, grown: float
-) -> tuple[float, float, float, float, float, float, float, float]:
-    """All that the solution of ``p + q law(p) = r`` near a voltage needs and that does not depend on r.
-
-    Parameters
-    ----------
-    p : float [V]
-        Not below the threshold of the law.
-    grown : float
-        The exponential of ``(p - k1)/k2``, of half of it for Butler-Volmer; the cubic law has none. The others are
-        those of ``follow``.
-
-    Returns
-    -------
-    level, inverse, square, cube : float
-        With ``d = (level - r) inverse``, the solution is ``p - d (1 + d (square + d cube))`` but for the fourth power.
-    w, first, second, third : float
-        The law and its derivatives, divided by 1, 1, 2 and 6.
-    """
-    if form == CUBIC:
-        w = p * (k0 + p * (k1 + p * k2))
-        first, second, third = k0 + p * (2.0 * k1 + p * 3.0 * k2), k1 + 3.0 * k2 * p, k2
-    elif form == EXPONENTIAL:
-        w, first = k0 * grown - k0, k0 * grown * sharp
-        second = 0.5 * sharp * first
-        third = sharp * second * (1.0 / 3.0)
-    else:
-        shrunk = 1.0 / grown
-        w, first = k0 * (grown - shrunk), 0.5 * k0 * sharp * (grown + shrunk)
-        second, third = 0.125 * sharp * sharp * w, sharp * sharp * first * (1.0 / 24.0)
-    inverse = 1.0 / (1.0 + q * first)
-    bend = q * inverse
-    square = bend * second
-    return p + q * w, inverse, square, 2.0 * square * square - bend * third, w, first, second, third
-
-
-@kernel
-def reaches(form: int, k1: float, k2: float, p: float, d: float, square: float, cube: float) -> bool:
-    """Whether the series of ``expand`` about p reaches a solution at about ``p - d``, to rounding."""
-    if form == CUBIC:  # at 0 V the quadratic part has a kink
-        return abs(d * square) <= 2e-5 and d * d * abs(cube) <= 1e-9 and (k1 == 0.0 or 2.0 * d < p)
-    return abs(d) <= 2e-4 * k2
 
 
 STATE = 27
@@ -266,7 +163,7 @@ def law_stretch(
                 elif near:
                     p, w = way * (other - step), way * (g0 - step * (g1 - step * (g2 - step * g3)))
                 else:
-                    p, w = follow(form, k0, k1, k2, sharp, k, q_instant, r, 3.0 * (j1 - j2) + j3)
+                    p, w = follow(form, k0, k1, k2, sharp, q_instant, r, 3.0 * (j1 - j2) + j3)
                 j1, j2, j3, j4 = p, j1, j2, j3
                 u, e = new, new - series * w
                 jump = e - e_end
@@ -292,7 +189,7 @@ def law_stretch(
                     p, w = sign * (guess - step), sign * (w0 - step * (w1 - step * (w2 - step * w3)))
                     e = u - (r - p) * to_front
                 else:
-                    p, w = follow(form, k0, k1, k2, sharp, k, q, r, 3.0 * (p1 - p2) + p3)
+                    p, w = follow(form, k0, k1, k2, sharp, q, r, 3.0 * (p1 - p2) + p3)
                     e = u - series * w
                 p1, p2, p3, p4 = p, p1, p2, p3
                 e_end, jump = e, 0.0

@@ -21,12 +21,12 @@ from ipmclab.model.numerics.vectors_loop import (
     alike,
     all_below,
     exponential,
-    filled,
     less,
     load,
     plus,
     replaced,
     size,
+    stays_apart,
     store,
 )
 
@@ -54,22 +54,24 @@ _NEAR: Final = 3e-7
 """Part of it up to which what a step leaves is its square, and below rounding."""
 
 
-def law_rows(form: int, coefficients: FloatArray) -> FloatArray:
-    """What ``nearby`` needs of laws of one form, shape (LAW_ROWS, a multiple of WIDTH).
+@kernel
+def put_laws(form: int, coefficients: FloatArray, rows: FloatArray) -> None:
+    """Write what ``nearby`` needs of laws of one form.
 
     Parameters
     ----------
     form : int
     coefficients : float array, shape (n_laws, 3)
+    rows : float array, shape (LAW_ROWS, a multiple of WIDTH)
+        Written; zeros before.
     """
-    count = len(coefficients)
-    rows = np.zeros((LAW_ROWS, filled(count)))
-    rows[: _K2 + 1, :count] = coefficients.T
-    rows[_SHARP], rows[_SCALE], rows[_EDGE] = 1.0, 1.0, -1.0
-    if form != CUBIC:
-        rows[_SHARP, :count], rows[_SCALE, :count] = 1.0 / coefficients[:, 2], coefficients[:, 2]
-        rows[_EDGE] = rows[_K1]
-    return rows
+    rows[_SHARP], rows[_SCALE], rows[_EDGE] = 1.0, 1.0, -1.0 if form == CUBIC else 0.0
+    for l in range(coefficients.shape[0]):  # noqa: E741
+        for c in range(3):
+            rows[_K0 + c, l] = coefficients[l, c]
+        if form != CUBIC:
+            rows[_SHARP, l], rows[_SCALE, l] = 1.0 / coefficients[l, 2], coefficients[l, 2]
+            rows[_EDGE, l] = coefficients[l, 1]
 
 
 @part
@@ -150,7 +152,7 @@ def nearby(form: int, count: int, laws: Any, width: int, q: Any, r: Any, p: Any,
     form, count : int
         Of the laws, and how many there are.
     laws : begin of float array, shape (LAW_ROWS, width)
-        Of ``law_rows``.
+        Of ``put_laws``.
     width : int
         A multiple of WIDTH; what is behind the laws is 0.
     q : begin of float array, shape (count, width) [ohm]
@@ -160,6 +162,7 @@ def nearby(form: int, count: int, laws: Any, width: int, q: Any, r: Any, p: Any,
     work : begin of float array, shape (WORK_ROWS + count, width)
         Written.
     """
+    stays_apart()
     zero = alike(0.0)
     for _ in range(_TURNS):
         for b in range(0, width, WIDTH):

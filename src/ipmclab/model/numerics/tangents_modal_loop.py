@@ -80,7 +80,7 @@ def pole_answers(
     moves : complex array, shape (6, n_kinds, n_poles)
         As ``pole_moves`` writes them.
     interval, start, end, row : arrays
-        As in ``kernels.dense_tangents``.
+        As in ``timeline.Timeline``.
     first : float
         The answer before the first interval.
     answers : complex array, shape (2 n_poles, n_time)

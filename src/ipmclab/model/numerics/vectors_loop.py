@@ -18,6 +18,7 @@ from decimal import Context
 from typing import Any, Final
 
 import numpy as np
+import numpy.typing as npt
 from llvmlite import ir
 from numba import extending, types
 from numba.core import cgutils
@@ -46,6 +47,22 @@ _BEGIN: Final = _types.CPointer(_types.float64)
 def filled(count: int) -> int:
     """A count filled up to whole vectors."""
     return -(-count // WIDTH) * WIDTH
+
+
+def on_lines(*shapes: tuple[int, ...]) -> tuple[npt.NDArray[np.float64], ...]:
+    """Arrays of zeros, each of which begins on a cache line.
+
+    What lies across two lines takes twice as long to load.
+    """
+    line = _LINE // 8
+    counts = [math.prod(shape) for shape in shapes]
+    whole = np.zeros(sum(-(-count // line) * line for count in counts) + line)
+    begin = (-whole.ctypes.data // whole.itemsize) % line
+    found = []
+    for shape, count in zip(shapes, counts, strict=True):
+        found.append(whole[begin : begin + count].reshape(shape))
+        begin += -(-count // line) * line
+    return tuple(found)
 
 
 class _Sixteen(_types.Type):  # type: ignore[misc]
@@ -145,6 +162,17 @@ def on_cache_lines(_typing: Any) -> Any:
         attributes = builder.function.attributes
         attributes.alignstack = _LINE
         attributes.add("nounwind")  # as all of Numba's are; without one that llvmlite lists it writes none
+        return context.get_dummy_value()
+
+    return _types.void(), generated
+
+
+@_numba.intrinsic  # type: ignore[untyped-decorator]
+def stays_apart(_typing: Any) -> Any:
+    """The kernel around is made no part of others: what is seldom done takes no registers from what is done often."""
+
+    def generated(context: Any, builder: Any, _signature: Any, _arguments: Any) -> Any:
+        builder.function.attributes.add("noinline")
         return context.get_dummy_value()
 
     return _types.void(), generated

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ipmclab.model.blocks import Block, Matrix
+from ipmclab.model.blocks import Block, Matrix, solve
 from ipmclab.model.stages.membrane import Membrane
 
 
@@ -66,8 +66,8 @@ def ladder(nodes: Sequence[Node], reads: Mapping[str, Matrix]) -> Block:
     law[0, 0] += 1.0
     once = np.eye(count, dtype=kind)
     once[0, 0] = resistances[0]  # what a source of current does in that first equation
-    from_current = np.linalg.solve(law, once)
-    from_voltage = np.linalg.solve(law, np.eye(count, 1, dtype=kind))
+    from_current = solve(law, once)
+    from_voltage = solve(law, np.eye(count, 1, dtype=kind))
     spread = np.zeros((count, count * branches), kind)
     for place in range(count):
         spread[place, place * branches : (place + 1) * branches] = pulls[place]
