@@ -6,10 +6,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.optimize import nnls
 
+import ipmclab
 from benchmarks.real_records import StepRecord, cut
 from benchmarks.wrong_model import circuit_current, plain_fit, predicted
 from ipmclab import Actuator, Fit, Run, identify, import_run, load_actuator, simulate
+from ipmclab.identification.problem.free import parse_free
+from ipmclab.identification.problem.record import prepare
+from ipmclab.identification.search.lowest import find_minima
 from ipmclab.model.variants import with_stages
 
 MAPS = Path(__file__).parents[2] / "docs" / "import_maps"
@@ -115,6 +120,7 @@ def test_a_current_that_rises_under_voltage_is_not_weighted_as_a_walk(real_runs:
     run = cut(StepRecord("step_3V", record, 690), -5.0, 60.0)
     fit = identify(strip(16.0), run, free="electrical")  # the strip has some 60 ohm: the circuit is wrong too
     assert rms(fit) <= 1.05 * plain(run, np.ones(len(run), dtype=bool))
+    assert not fit.observations[0].noise_model["current"].terms.walk
 
 
 @pytest.mark.parametrize("name", ["step_2V", "step_3V"])
@@ -139,3 +145,24 @@ def test_a_coupling_that_nobody_identified_says_nothing_of_the_circuit(real_runs
         {name: one.value for name, one in alone.parameters.items()}, rel=1e-6
     )
     assert [one.name for one in fit.known] == [one.name for one in alone.known]
+
+
+def test_a_leak_that_grows_explains_a_current_that_rises(real_runs: Path) -> None:
+    """A walk of the current, of which 5 s at 0 V show nothing, made the growth look like chance."""
+    record = import_run(real_runs / "step_3V.csv.gz", MAPS / "step_3V.toml")
+    whole = cut(StepRecord("step_3V", record, 690), -5.0, 450.0)
+    assert whole.current is not None
+    run = Run.from_arrays(time=whole.time[::8], voltage=whole.voltage[::8], current=whole.current[::8], hold="unknown")
+    growing = with_stages(strip(56.9), "leak.cubic", "leak.slow")
+    names = parse_free(growing.parameter_values, "electrical,leak")
+    ready = prepare(run, 0, ["current"], ipmclab.check(run))
+    problem, solution, _ = find_minima(growing, growing.parameters(), names, [ready])
+    assert problem.values(solution.theta, 0)["leak.slow.growth"] > 0.1
+    found = problem.noise[0, "current"] * np.sqrt(solution.evaluation.cost / len(run))
+    # Any sum of decays and rises beside a constant.
+    driven = run.voltage > 0.1
+    since = run.time[driven] - run.time[driven][0]
+    decays = np.exp(-since[:, None] / np.geomspace(0.05, 2000.0, 40))
+    assert run.current is not None
+    _, left = nnls(np.column_stack([np.ones(len(since)), decays, 1.0 - decays]), run.current[driven])
+    assert found <= 1.1 * left / np.sqrt(len(since))

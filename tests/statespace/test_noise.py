@@ -18,7 +18,7 @@ from ipmclab.statespace.likelihood import Others, likelihood
 from ipmclab.statespace.long_run import long_run
 from ipmclab.statespace.noise_model import NoiseModel
 from ipmclab.statespace.screen import needs_search
-from ipmclab.statespace.search import choose_terms
+from ipmclab.statespace.search import Allowed, choose_terms
 from ipmclab.statespace.shape import Shape, drawn, spread_by, structure
 from ipmclab.statespace.terms import Terms, autoregression, state_space
 
@@ -207,7 +207,7 @@ def test_the_terms_that_made_the_noise_are_found(kind: str) -> None:
     right = 0
     for _ in range(4):
         matrix = np.column_stack([constants(time), answers, made(kind, rows, generator)])
-        found = choose_terms(Columns(matrix, steps_between(time, STEP)), np.diag([1e-9, 1e-9, 0.0]), (True, True))
+        found = choose_terms(Columns(matrix, steps_between(time, STEP)), np.diag([1e-9, 1e-9, 0.0]), Allowed())
         right += str(found.terms) == kind
     assert right >= 3
 
@@ -275,6 +275,6 @@ def test_an_autoregression_has_at_most_one_lag_for_five_readings() -> None:
     for count in (3, 4, 5, 9, 14):  # of three readings no two are four steps apart
         matrix = np.column_stack([constants(np.arange(float(count))), np.cumsum(generator.standard_normal(count))])
         columns = Columns(matrix, np.ones(count, dtype=np.int64))
-        found = choose_terms(columns, np.zeros((1, 1)), (True, True))
+        found = choose_terms(columns, np.zeros((1, 1)), Allowed())
         assert found.terms.order <= count // 5
         assert math.isfinite(found.criterion)

@@ -6,7 +6,7 @@ import itertools
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -24,6 +24,22 @@ _STEP: Final = 2e-3  # of the error of an entry
 _ENOUGH: Final = 1e-5  # part of what was gained: the deviance is then known to a hundredth
 _FLAT: Final = 0.02  # of the deviance for an error of an entry: the lowest is then not a hundredth below
 _IMPOSSIBLE: Final = 1e9  # height of a shape under which the readings cannot be
+
+
+class Allowed(NamedTuple):
+    """What may be a term.
+
+    Parameters
+    ----------
+    offset, trend : bool
+        Not where they are unknowns of the fit already.
+    walk : bool
+        Not where rows that hold nothing but the noise do not walk.
+    """
+
+    offset: bool = True
+    trend: bool = True
+    walk: bool = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,14 +102,14 @@ def _descend(
     return np.asarray(found.x / sharp)
 
 
-def rough_noise(columns: Columns, others: FloatArray, allowed: tuple[bool, bool]) -> Found:
+def rough_noise(columns: Columns, others: FloatArray, allowed: Allowed) -> Found:
     """A noise that comes near to most: offset, trend, and white noise beside a correlation that fades."""
-    terms = Terms(order=1, white=True, offset=allowed[0], trend=allowed[1])
+    terms = Terms(order=1, white=True, offset=allowed.offset, trend=allowed.trend)
     starts = [np.array([one, math.log(white)]) for one, white in itertools.product(_FADING, _WHITES)]
     return refine(columns, others, terms, starts)
 
 
-def choose_terms(columns: Columns, others: FloatArray, allowed: tuple[bool, bool]) -> Found:
+def choose_terms(columns: Columns, others: FloatArray, allowed: Allowed) -> Found:
     """The terms that Bayes's criterion prefers.
 
     First covariances with every constant that is allowed, so that no drift passes for correlation; then the good ones
@@ -103,11 +119,10 @@ def choose_terms(columns: Columns, others: FloatArray, allowed: tuple[bool, bool
     ----------
     columns : Columns
     others : float array, shape (n_directions + 1, n_directions + 1)
-    allowed : pair of bool
-        Whether an offset and a trend may be terms: not where they are unknowns of the fit already.
+    allowed : Allowed
     """
     search = _Search(columns, others)
-    every = Terms(offset=allowed[0], trend=allowed[1])
+    every = Terms(offset=allowed.offset, trend=allowed.trend)
     found = [search.refine(every, [np.zeros(0)])]
     partials = _partials(columns)
     for order in range(1, min(MOST_ORDER, columns.count // _EACH) + 1):
@@ -116,7 +131,7 @@ def choose_terms(columns: Columns, others: FloatArray, allowed: tuple[bool, bool
         if found[-1].criterion > found[-2].criterion:
             break
     best = _best(found)
-    for base in {one.terms.order: one for one in (found[0], best)}.values():
+    for base in {one.terms.order: one for one in (found[0], best)}.values() if allowed.walk else ():
         starts = [np.append(base.entries, math.log(walk)) for walk in _WALKS]
         found += search.if_promising(replace(base.terms, walk=True), starts, base)
     if best.terms.order:
@@ -124,7 +139,7 @@ def choose_terms(columns: Columns, others: FloatArray, allowed: tuple[bool, bool
         starts = [np.array([one, math.log(white)]) for one, white in itertools.product(slow, _WHITES)]
         mixed = search.if_promising(replace(every, order=1, white=True), starts, _best(found))
         found += mixed
-        for base in mixed:
+        for base in mixed if allowed.walk else ():
             starts = [np.array([base.entries[0], math.log(walk), base.entries[1]]) for walk in _WALKS]
             found += search.if_promising(replace(base.terms, walk=True), starts, base)
     limit = _best(found).criterion + _CLOSE * search.penalty

@@ -162,7 +162,6 @@ def _drifting(pieces: Sequence[Piece], shapes: Mapping[Key, Shape]) -> dict[Key,
     """The noise of each piece with every constant that it may have: a sensor that drifts is no missing stage."""
     found = {}
     for piece in pieces:
-        offset, trend = piece.allowed
-        shape = shapes[piece.key]
-        found[piece.key] = replace(shape, terms=replace(shape.terms, offset=offset, trend=trend))
+        shape, allowed = shapes[piece.key], piece.allowed
+        found[piece.key] = replace(shape, terms=replace(shape.terms, offset=allowed.offset, trend=allowed.trend))
     return found

@@ -6,6 +6,7 @@ They hold its zero, its drift and its noise, and nothing else.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import Final, NamedTuple
 
@@ -21,7 +22,7 @@ from ipmclab.statespace.terms import Terms
 _FEWEST_OF_SLOPE: Final = 20
 """Rows at 0 V from which their slope is taken: fewer do not tell their own scatter."""
 
-_FEWEST_OF_NOISE: Final = 50
+FEWEST_OF_NOISE: Final = 50
 """Rows at 0 V that show the noise."""
 
 _LAGS: Final = (50, 10, 4)  # parts of the rows at 0 V
@@ -125,11 +126,26 @@ def is_at_rest_too(noise: Shape, left: FloatArray) -> bool | None:
         By ``left_at_rest``, in the unit of the noise.
     """
     count = len(left)
-    if count < _FEWEST_OF_NOISE:
+    if count < FEWEST_OF_NOISE:
         return None
     lags = [1, *(count // part for part in _LAGS)]
     seen = np.array([np.mean((left[lag:] - left[:-lag]) ** 2) for lag in lags])
     return bool((structure(noise, lags) <= _TIMES * seen).all())
+
+
+def walks_at_rest(noises: Iterable[tuple[Shape, FloatArray]]) -> bool | None:
+    """Whether rows at 0 V show the walk of an output, in all runs together; None where they do not say.
+
+    By Bayes's criterion: the sensor of an output is the same in all its runs.
+
+    Parameters
+    ----------
+    noises : iterable of (Shape, float array of shape (n_resting,))
+        Of each run, what is left by ``left_at_rest``.
+    """
+    each = [(likelier_with_walk(noise, left), len(left)) for noise, left in noises if noise.terms.walk]
+    likelier, penalty = sum(one for one, _ in each), math.log(max(sum(count for _, count in each), 1))
+    return None if abs(likelier) <= penalty else likelier > 0.0
 
 
 def likelier_with_walk(noise: Shape, left: FloatArray) -> float:

@@ -64,7 +64,7 @@ def blind_outputs(
     found: dict[str, Blind] = {}
     for output in dict.fromkeys(piece.key[1] for piece in pieces):
         own = [piece for piece in pieces if piece.key[1] == output]
-        if not all(piece.allowed == (True, True) for piece in own):
+        if not all(piece.allowed.offset and piece.allowed.trend for piece in own):
             continue
         if any(noise[piece.key].terms.drifts for piece in own):
             continue

@@ -17,8 +17,9 @@ from typing import Final
 
 import numpy as np
 
-from ipmclab.identification.noise.at_rest import is_at_rest_too, left_at_rest, slope_at_rest
+from ipmclab.identification.noise.at_rest import slope_at_rest
 from ipmclab.identification.noise.blind import Blind, blind_outputs
+from ipmclab.identification.noise.model_error import model_errors
 from ipmclab.identification.noise.pieces import (
     Key,
     Piece,
@@ -284,9 +285,8 @@ def with_noise(problem: Problem, solution: Solution, yielding: Sequence[int], ag
     if more:
         drifting = drifting | more
         shapes = with_constants(system, chosen, drifting)
-    mistaken = {key for key, shape in shapes.items() if _is_model_error(fewer, near.evaluation, pieces[key], shape)}
-    if mistaken:
-        searched = [piece.without_trend() if piece.key in mistaken else piece for piece in searched]
+    while mistaken := model_errors(fewer, near.evaluation, searched, shapes):
+        searched = [replace(piece, allowed=mistaken.get(piece.key, piece.allowed)) for piece in searched]
         system = System(fewer, near.evaluation, searched)
         shapes = with_constants(system, choose_noise(system), drifting)
     if all(shape.terms.is_white for shape in shapes.values()):
@@ -308,20 +308,6 @@ def with_noise(problem: Problem, solution: Solution, yielding: Sequence[int], ag
     return Correlated(least, near, plain, shapes, pieces, {**blind, **hidden})
 
 
-def _is_model_error(problem: Problem, here: Evaluation, piece: Piece, shape: Shape) -> bool:
-    """Whether a slope of the current under voltage is something that the model lacks, and no drift of the sensor.
-
-    A current is read over a resistor, which does not drift as a strip that curls does. Its slope counts as a drift
-    where the rows at 0 V drift too, or where what is found under voltage is noise that they have.
-    """
-    place, output = piece.key
-    if output != "current" or not shape.terms.trend:
-        return False
-    record, unit = problem.record_at(place), problem.noise[piece.key]
-    left = left_at_rest(record, output, here.residual[problem.pieces[piece.key]][piece.inside], unit)
-    return is_at_rest_too(shape, left) is False and not slope_at_rest(record, output, shape, unit).is_shown
-
-
 def _beside(problem: Problem, piece: Piece, shape: Shape) -> Zero | None:
     """The zero and slope beside the parameters.
 
@@ -333,8 +319,8 @@ def _beside(problem: Problem, piece: Piece, shape: Shape) -> Zero | None:
     unit = problem.noise[piece.key]
     rest = slope_at_rest(record, output, shape, unit)
     known = terms.walk and (rest.is_shown if output == "current" else math.isfinite(rest.error))
-    offset = (terms.offset or terms.walk) and piece.allowed[0]
-    trend = (terms.trend or known) and piece.allowed[1]
+    offset = (terms.offset or terms.walk) and piece.allowed.offset
+    trend = (terms.trend or known) and piece.allowed.trend
     return Zero.of(record, output, Terms(offset=offset, trend=trend), shape, unit) if offset or trend else None
 
 

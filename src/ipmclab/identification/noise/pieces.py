@@ -17,7 +17,7 @@ from ipmclab.identification.problem.unknowns import Unknown
 from ipmclab.identification.search.solve import least_seen
 from ipmclab.run import FloatArray
 from ipmclab.statespace.columns import CONSTANTS, Columns, constants, steps_between, without
-from ipmclab.statespace.search import choose_terms, refine, rough_noise
+from ipmclab.statespace.search import Allowed, choose_terms, refine, rough_noise
 from ipmclab.statespace.shape import Shape
 from ipmclab.statespace.whitening import Whitening
 
@@ -36,25 +36,21 @@ class Piece:
     step: float
     steps: npt.NDArray[np.int64]
     inside: npt.NDArray[np.bool_]
-    allowed: tuple[bool, bool]
+    allowed: Allowed
 
     @classmethod
     def of(cls, record: PreparedRun, output: str, unknowns: Sequence[Unknown]) -> Piece:
         """Measured readings only: between them the noise goes on."""
         time, inside = record.times_of(output), record.readings[output].exact_of_used
         steps = steps_between(time, record.step)
-        return cls((record.place, output), time, record.step, steps, inside, (True, True)).among(unknowns)
+        return cls((record.place, output), time, record.step, steps, inside, Allowed()).among(unknowns)
 
     def among(self, unknowns: Sequence[Unknown]) -> Piece:
         """The same with no constants but those that the unknowns of a fit leave to the noise."""
         place, output = self.key
         own = {unknown.base for unknown in unknowns if unknown.place in (None, place)}
-        allowed = (f"observation.offset.{output}" not in own, f"observation.drift.{output}" not in own)
-        return replace(self, allowed=allowed)
-
-    def without_trend(self) -> Piece:
-        """The same with no slope."""
-        return replace(self, allowed=(self.allowed[0], False))
+        offset, trend = f"observation.offset.{output}" not in own, f"observation.drift.{output}" not in own
+        return replace(self, allowed=self.allowed._replace(offset=offset, trend=trend))
 
     def whitening(self, shape: Shape) -> Whitening:
         """For a shape of the noise."""
@@ -214,6 +210,6 @@ def _share_constants(shapes: dict[Key, Shape], pieces: Mapping[Key, Piece]) -> N
     for key, piece in pieces.items():
         others = [shape.terms for (_, output), shape in shapes.items() if output == key[1]]
         terms = shapes[key].terms
-        offset = piece.allowed[0] and any(other.offset for other in others)
-        trend = piece.allowed[1] and any(other.trend for other in others)
+        offset = piece.allowed.offset and any(other.offset for other in others)
+        trend = piece.allowed.trend and any(other.trend for other in others)
         shapes[key] = replace(shapes[key], terms=replace(terms, offset=offset or terms.offset, trend=trend))

@@ -19,7 +19,7 @@ from typing import Final
 import numpy as np
 
 from ipmclab.confidence import REJECT
-from ipmclab.identification.noise.at_rest import is_at_rest_too, left_at_rest, likelier_with_walk
+from ipmclab.identification.noise.at_rest import is_at_rest_too, left_at_rest, walks_at_rest
 from ipmclab.identification.noise.correlate import Again, Correlated
 from ipmclab.identification.noise.pieces import Key, System, refine_noise
 from ipmclab.identification.noise.whitening import CorrelatedProblem
@@ -96,20 +96,13 @@ def _is_at_rest_too(under: Correlated, key: Key) -> bool | None:
 
 
 def _are_at_rest_too(under: Correlated, coloured: Sequence[Key]) -> bool | None:
-    """Whether the rows at 0 V have these noises; None where they do not say so.
-
-    Whether they walk is asked of all runs together, by Bayes's criterion: the sensor of an output is the same in all.
-    """
+    """Whether the rows at 0 V have these noises; None where they do not say so."""
     sized = {key: _is_at_rest_too(under, key) for key in coloured}
     answers: list[bool | None] = list(sized.values())
-    for output in {output for _, output in coloured}:
-        left = {key: _left_at_rest(under, key) for key, one in sized.items() if one and key[1] == output}
-        likelier = [
-            likelier_with_walk(under.shapes[key], rows) for key, rows in left.items() if under.shapes[key].terms.walk
-        ]
-        if likelier:
-            penalty = math.log(sum(map(len, left.values())))
-            answers.append(None if abs(sum(likelier)) < penalty else sum(likelier) > 0.0)
+    walking = [key for key, one in sized.items() if one and under.shapes[key].terms.walk]
+    for output in {output for _, output in walking}:
+        of_runs = [(under.shapes[key], _left_at_rest(under, key)) for key in walking if key[1] == output]
+        answers.append(walks_at_rest(of_runs))
     return False if False in answers else None if None in answers else True
 
 

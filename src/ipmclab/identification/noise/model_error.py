@@ -1,0 +1,65 @@
+"""What of the noise that is found in a current is no noise: a slope or a walk that the rows at 0 V do not have.
+
+A current is read over a resistor, which does not drift as a strip that curls does. Described as noise, what the model
+lacks would be taken off the readings, or make everything slow look like chance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from ipmclab.identification.noise.at_rest import (
+    FEWEST_OF_NOISE,
+    is_at_rest_too,
+    left_at_rest,
+    slope_at_rest,
+    walks_at_rest,
+)
+from ipmclab.identification.noise.pieces import Key, Piece
+from ipmclab.identification.problem.problem import Evaluation, Problem
+from ipmclab.statespace.search import Allowed
+from ipmclab.statespace.shape import Shape
+
+
+def model_errors(
+    problem: Problem, here: Evaluation, pieces: Sequence[Piece], shapes: Mapping[Key, Shape]
+) -> dict[Key, Allowed]:
+    """The terms that are left to each current of which the noise has a slope or a walk that is none of its sensor.
+
+    A slope counts as a drift where the rows at 0 V drift too, or where what is found under voltage is noise that they
+    have; a walk where they walk. Where there are few such rows nobody can tell, and the noise keeps its terms.
+
+    Parameters
+    ----------
+    problem : Problem
+    here : Evaluation
+        With the residuals in which the noise was found.
+    pieces : sequence of Piece
+    shapes : mapping of (place, output) to Shape
+        The noise.
+    """
+    left = {
+        piece.key: left_at_rest(
+            problem.record_at(piece.key[0]),
+            piece.key[1],
+            here.residual[problem.pieces[piece.key]][piece.inside],
+            problem.noise[piece.key],
+        )
+        for piece in pieces
+        if piece.key[1] == "current"
+    }
+    walks = walks_at_rest([(shapes[key], rows) for key, rows in left.items()])
+    found = {}
+    for piece in pieces:
+        key, own = piece.key, piece.allowed
+        if key not in left:
+            continue
+        shape, rows, trend, walk = shapes[key], left[key], own.trend, own.walk
+        if shape.terms.trend and is_at_rest_too(shape, rows) is False:
+            rest = slope_at_rest(problem.record_at(key[0]), key[1], shape, problem.noise[key])
+            trend = trend and rest.is_shown
+        if shape.terms.walk and len(rows) >= FEWEST_OF_NOISE:
+            walk = walk and bool(walks)
+        if (trend, walk) != (own.trend, own.walk):
+            found[key] = own._replace(trend=trend, walk=walk)
+    return found
