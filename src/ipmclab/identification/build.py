@@ -34,6 +34,7 @@ from ipmclab.identification.uncertainty.interval import (
     has_open_end,
     interval_of,
     is_at_bound,
+    is_too_wide,
     open_ends,
     reaches_out,
     with_rivals,
@@ -131,7 +132,8 @@ def build_fit(
             determined=agree
             and min(error, nearer_error) <= DETERMINED
             and not (at_bound and unknown.log)
-            and not has_open_end(unknown, interval),
+            and not has_open_end(unknown, interval)
+            and not is_too_wide(unknown, interval),
             at_bound=at_bound,
             prior=unknown.beforehand,
         )

@@ -98,7 +98,13 @@ def _ended(fit: Fit, found: Mapping[str, Profile]) -> dict[str, FittedParameter]
     """
     estimate = solved(fit)
     problem, theta = estimate.problem, estimate.solution.theta
-    moved = {n for d in fit.undetermined if math.isinf(d.error) for n, c in d.coefficients.items() if abs(c) > 1e-3}
+    open_directions = [
+        {name for name, part in one.coefficients.items() if abs(part) > 1e-3}
+        for one in fit.undetermined
+        if math.isinf(one.error)
+    ]
+    # What nothing limits by itself has an open interval already.
+    moved = {name for names in open_directions if len(names) > 1 for name in names}
     ended = dict(fit.parameters)
     if estimate.beside is not None:
         return ended

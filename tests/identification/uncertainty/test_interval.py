@@ -22,6 +22,7 @@ from ipmclab.identification.uncertainty.interval import (
     beside_bounds,
     has_open_end,
     interval_of,
+    is_too_wide,
     with_rivals,
 )
 from ipmclab.identification.uncertainty.profile import Walk, one_side
@@ -216,3 +217,10 @@ def test_an_interval_that_nothing_limits_on_one_side_determines_nothing() -> Non
     assert not has_open_end(resistivity, (122.0, 400.0))
     assert not has_open_end(contact, (0.0, 3.0))  # it is known to 3 ohm: a contact may have none
     assert has_open_end(contact, (0.0, math.inf))
+
+
+@pytest.mark.parametrize(("error", "wide"), [(0.41, False), (0.43, True)])
+def test_a_reciprocal_that_is_just_determined_is_just_narrow_enough(error: float, wide: bool) -> None:
+    unknown = actuator_unknown(load_actuator("friend-2").parameters()["circuit.dc_resistivity"], None)
+    reach = 1.959963984540054 * error
+    assert is_too_wide(unknown, (1.0 / (1.0 + reach), 1.0 / (1.0 - reach))) == wide

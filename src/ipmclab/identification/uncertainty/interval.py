@@ -9,6 +9,7 @@ from typing import Final
 
 import numpy as np
 
+from ipmclab.confidence import NORMAL_95
 from ipmclab.fit.fit import DETERMINED
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.problem.response import CircuitResponder
@@ -145,6 +146,17 @@ def open_ends(unknown: Unknown) -> tuple[float, float]:
 def has_open_end(unknown: Unknown, interval: tuple[float, float]) -> bool:
     """Whether nothing limits a parameter on one side: a value would say more than is known."""
     return math.isinf(interval[0]) or math.isinf(interval[1]) or (unknown.log and interval[0] == 0.0)
+
+
+def is_too_wide(unknown: Unknown, interval: tuple[float, float]) -> bool:
+    """Whether the ends of an interval lie further apart than those of a reciprocal that is just determined.
+
+    The side on which the likelihood falls faster decides whether a parameter is determined, since some are known evenly
+    as their reciprocal. Of that with an error of ``DETERMINED`` the ends have this ratio.
+    """
+    even = NORMAL_95 * DETERMINED
+    low, high = interval
+    return unknown.log and high * (1.0 - even) > low * (1.0 + even)
 
 
 def beside_bounds(unknown: Unknown, low: float, high: float) -> tuple[float, float]:
