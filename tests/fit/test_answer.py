@@ -66,7 +66,7 @@ def good(step: Run) -> Fit:
     [
         ("step_1V", 1635, "Do not use this fit: the record of the current is wrong, as the first", ["contact-lost"]),
         ("step_2V_poor", None, "This fit can be used to predict the current (residual 3", []),
-        ("step_3V", None, "This fit predicts the current only roughly", ["contact-missing", "current-rises"]),
+        ("step_3V", None, "Do not use this fit: the model does not follow the current", ["contact-missing"]),
     ],
 )
 def test_a_real_record(name: str, rows: int | None, starts: str, causes: list[str], real_runs: Path) -> None:

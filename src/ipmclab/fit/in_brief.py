@@ -292,7 +292,7 @@ def _plain(finding: Finding) -> str:
             start, stop = finding.samples[0]
             return f"no current flows from row {start} to row {stop - 1}, so the fit takes the voltage as 0 V there"
         case "current-rises":
-            return "the current rises at constant voltage, as only a leak that grows (leak.slow) lets it"
+            return "the current rises at constant voltage, which only a leak that grows (leak.slow) can follow"
         case "model-incomplete":
             return f"what is left of the {channel} follows the voltage; no stage that was tried explains it"
         case "stage-missing" if "stage" in values:

@@ -198,7 +198,12 @@ def _identify(
         result = estimate(actuator, names, records)
     diagnoses, lacking = _what_it_lacks(actuator, names, result) if diagnosed else ((), ())
     stage("errors and intervals", 0.8, 1.0)
-    told = (*findings_of_records(actuator, records, found), *left_out, *result.findings, *lacking)
+    told = (
+        *findings_of_records(records, found, grows=_leak_grows(actuator, result)),
+        *left_out,
+        *result.findings,
+        *lacking,
+    )
     fit = build_fit(actuator, given, result, told, diagnoses)
     beyond = [*beyond_findings(fit, records), *environment_findings(actuator, given, fit, result)]
     if names.priors:
@@ -305,6 +310,12 @@ def _labels(labels: Sequence[str] | None, runs: int) -> list[str] | None:
                 repair="give each run a short name, or leave labels out",
             )
     return given
+
+
+def _leak_grows(actuator: Actuator, result: Estimate) -> bool:
+    """Whether the model has a leak that grows, and the readings show it."""
+    unseen = {unknown.base for one in result.unseen for unknown in one.unknowns}
+    return actuator.structure.slow_leak and not any(name.startswith("leak.slow.") for name in unseen)
 
 
 def outputs_of_fit(names: FreeParameters) -> tuple[str, ...]:

@@ -7,7 +7,6 @@ from dataclasses import replace
 from typing import Final
 
 from ipmclab.identification.problem.record import PreparedRun
-from ipmclab.model import Actuator
 from ipmclab.run import Finding
 
 NOISE: Final = "nothing but noise"
@@ -18,19 +17,19 @@ _ALWAYS_TOLD: Final = frozenset({"sampling-period-unknown", _RISES})
 
 
 def findings_of_records(
-    actuator: Actuator, records: Sequence[PreparedRun], found: Sequence[Sequence[Finding]]
+    records: Sequence[PreparedRun], found: Sequence[Sequence[Finding]], *, grows: bool
 ) -> tuple[Finding, ...]:
     """Findings of the records that change what enters the fit, or what to think of it, with the run they belong to.
 
     Parameters
     ----------
-    actuator : Actuator
-        With a slow leak, a current that rises is no news.
     records : sequence of PreparedRun
     found : sequence of sequence of Finding
         What ``check`` says of each.
+    grows : bool
+        Whether a leak that grows explains a current that rises.
     """
-    explained = {_RISES} if actuator.structure.slow_leak else set()
+    explained = {_RISES} if grows else set()
     return tuple(
         _in_fit(finding, record.label)
         for record, findings in zip(records, found, strict=True)

@@ -16,6 +16,7 @@ from ipmclab.identification.problem.response import lumped
 from ipmclab.identification.search.solve import Solution
 from ipmclab.model.structure import Structure
 from ipmclab.run import Finding
+from ipmclab.statespace.columns import constants
 from ipmclab.units import CHANNELS
 
 FloatArray = npt.NDArray[np.float64]
@@ -25,7 +26,9 @@ _NOISE: Final = 1.3  # times the noise between neighbours: what is left is noise
 _ENOUGH: Final = 50  # readings from which the noise between neighbours is known
 
 
-def unexplained(problem: Problem, left_of: Callable[[tuple[int, str]], FloatArray]) -> list[Finding]:
+def unexplained(
+    problem: Problem, left_of: Callable[[tuple[int, str]], FloatArray], *, beside_drift: bool = False
+) -> list[Finding]:
     """A finding for each run and output of which the model leaves half or more, and which is not merely noisy.
 
     Parameters
@@ -33,6 +36,8 @@ def unexplained(problem: Problem, left_of: Callable[[tuple[int, str]], FloatArra
     problem : Problem
     left_of : function of (place, output)
         What is left of an output of a run about the zero and the slope of its sensor, in units of the problem's noise.
+    beside_drift : bool
+        Whether a straight line, which is the sensor's, is none of what the model could explain.
     """
     found = []
     for record in problem.records:
@@ -43,6 +48,9 @@ def unexplained(problem: Problem, left_of: Callable[[tuple[int, str]], FloatArra
             if reading.has_bounds:
                 left = left[reading.exact[reading.used]]
             about = values - values.mean()
+            if beside_drift:
+                columns = constants(record.times_of(output))
+                about = values - columns @ np.linalg.lstsq(columns, values, rcond=None)[0]
             residual = problem.noise[record.place, output] * math.sqrt(float(left @ left) / len(left))
             varies = math.sqrt(float(about @ about) / len(about))
             is_noise = len(values) >= _ENOUGH and residual <= _NOISE * reading.noise
@@ -54,7 +62,7 @@ def unexplained(problem: Problem, left_of: Callable[[tuple[int, str]], FloatArra
                 Finding(
                     "model-explains-nothing",
                     "error",
-                    f"{record.label}: the model explains nothing of the {output}: it leaves {told[0]} (rms) of "
+                    f"{record.label}: the model does not follow the {output}: it leaves {told[0]} (rms) of "
                     f"readings that vary by {told[1]} about their mean",
                     "do not use this fit: look at what check says of the run, at what is fixed, and give more rows",
                     channel=output,
@@ -82,7 +90,7 @@ def motion_of_another_coupling(
     if not any("current" in record.readings for record in problem.records):
         return []
     read = [output for record in problem.records for output in record.readings]
-    nothing = [finding.channel for finding in unexplained(problem, left_of)]
+    nothing = [finding.channel for finding in unexplained(problem, left_of, beside_drift=True)]
     return [
         Finding(
             "coupling-not-identified",
