@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from ipmclab import Run, identify, load_actuator, simulate, validate
+from ipmclab.fit.answer import answer_of
 from ipmclab.model import Actuator
 from ipmclab.prediction.fitted import fitted_outputs
 from ipmclab.prediction.scores import score
@@ -69,3 +70,20 @@ def test_a_run_of_the_fit_has_one_score_wherever_it_is_said(strip: Actuator) -> 
     observation = fit.observations[0]
     told = 100.0 * observation.noise["current"] / observation.span["current"]
     assert of_run.rmse_percent_of_range == pytest.approx(told, rel=0.02)
+
+
+def test_a_prediction_that_is_hardly_nearer_than_a_constant_is_called_so(strip: Actuator) -> None:
+    run = simulate(strip, "square 1 V 0.1 Hz", duration=20.0, rate=50.0)
+    read = replace(run, current=np.asarray(run.current) / 1.85, displacement=None, force=None)
+    found = verdict_of(validate(strip, named(read, "less.nc")))
+    # What was read is 1/1.85 of the prediction, so that 0.85 of it are left.
+    assert found.predicted["current"] == pytest.approx(15.0, abs=2.0)
+    assert "the model hardly predicts 1 run" in found.sentences[0]
+
+
+def test_a_fit_that_is_not_to_be_used_says_so_before_its_scores(strip: Actuator) -> None:
+    run = named(simulate(strip, "square 1 V 0.1 Hz", duration=20.0, rate=50.0), "square.nc")
+    turned = Run.from_arrays(time=run.time, voltage=run.voltage, current=-np.asarray(run.current), hold=run.hold)
+    fit = identify(strip, turned, free="circuit.dc_resistivity")
+    assert answer_of(fit).is_refused
+    assert verdict_of(validate(fit.actuator, run)).sentences[0].startswith("Do not use this fit")

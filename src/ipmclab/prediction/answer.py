@@ -158,7 +158,7 @@ def _why_not(fit: Fit, rows: int) -> str:
     if not fit.converged:
         return "the fit did not converge, and its errors mean nothing"
     if any(finding.code == _NONSENSE for finding in fit.findings):
-        return "the model of the fit explains nothing of its runs"
+        return "the model of the fit does not follow its runs"
     return why_changed(fit)
 
 

@@ -4,12 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from typing import Final
 
+from ipmclab.errors import InputError
+from ipmclab.fit.answer import REFUSED, verdict
+from ipmclab.fit.fit_file import fit_of
 from ipmclab.identification.environment.remarks import EXTRAPOLATED
+from ipmclab.model import Actuator
 from ipmclab.prediction.open_coupling import NOT_IDENTIFIED
 from ipmclab.prediction.scores import score
 from ipmclab.prediction.validate import RunValidation, Validation
 from ipmclab.units import CHANNELS
+
+_HARDLY: Final = 20.0
+"""Percent of fit below which a prediction says little: it leaves four fifths of what the readings vary by."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +61,7 @@ displacement with a fit of 99.0 % and force with a fit of 99.0 %.
     fresh = [one for one in validation.runs if not one.used_in_fit]
     guessed = any(one.code == NOT_IDENTIFIED for one in validation.findings)
     outputs = [name for name in validation.scores if name == "current" or not guessed]
-    predicted, missed, sentences = {}, [], []
+    predicted, missed, sentences = {}, [], _said_by_itself(validation.actuator)
     for output in outputs:
         fits = {one.label: one.scores[output].fit_percent for one in fresh if output in one.scores}
         missed += [(output, label, fit) for label, fit in fits.items() if fit is not None and fit <= 0.0]
@@ -67,8 +75,17 @@ displacement with a fit of 99.0 % and force with a fit of 99.0 %.
             for one in fresh
             if any((one.scores[name].fit_percent or 0.0) > 0.0 for name in outputs if name in one.scores)
         ]
-        told = _listed([f"{CHANNELS[name].name} with a fit of {percent(fit)}" for name, fit in predicted.items()])
-        sentences.append(f"From its voltage alone the model predicts {_runs(met)} that it never saw: {told}.")
+        for which, how in ((True, "predicts"), (False, "hardly predicts")):
+            scored = [
+                f"{CHANNELS[name].name} with a fit of {percent(fit)}"
+                for name, fit in predicted.items()
+                if (fit >= _HARDLY) is which
+            ]
+            if scored:
+                sentences.append(
+                    f"From its voltage alone the model {how} {_runs(met)} that it never saw: {_listed(scored)}"
+                    f"{'' if which else ', where a constant has 0 %'}."
+                )
     if missed:
         told = _listed(
             [
@@ -106,6 +123,17 @@ displacement with a fit of 99.0 % and force with a fit of 99.0 %.
             f"{_listed(used)} {_was(used)} used to identify it: those scores show the fit, not a prediction."
         )
     return Verdict(predicted, tuple(missed), tuple(sentences))
+
+
+def _said_by_itself(actuator: Actuator) -> list[str]:
+    """What a fit that is not to be used says of itself."""
+    if actuator.fit_table is None:
+        return []
+    try:
+        said = verdict(fit_of(actuator, where=actuator.name))
+    except InputError:
+        return []
+    return [f"{said} (So said identify.)"] if said.startswith(REFUSED) else []
 
 
 def _runs(runs: Sequence[RunValidation]) -> str:
