@@ -337,7 +337,12 @@ def _fit_findings(
     findings = []
     if not solution.converged:
         findings.append(
-            Finding("not-converged", "error", message(solution, ()), "free fewer parameters, or give longer runs")
+            Finding(
+                "not-converged",
+                "error",
+                f"the search did not converge: {solution.message}",
+                "free fewer parameters, or give longer runs",
+            )
         )
     findings += [
         Finding("undetermined", "warning", direction.sentence, "", values=dict(direction.coefficients))

@@ -21,6 +21,7 @@ from ipmclab.units import CHANNELS
 
 FloatArray = npt.NDArray[np.float64]
 
+_NOTHING: Final = "model-explains-nothing"
 _HALF: Final = 0.5  # of what the readings vary
 _NOISE: Final = 1.3  # times the noise between neighbours: what is left is noise
 _ENOUGH: Final = 50  # readings from which the noise between neighbours is known
@@ -60,7 +61,7 @@ def unexplained(
             told = [f"{channel.to_display(size):.3g} {channel.display_unit}" for size in (residual, varies)]
             found.append(
                 Finding(
-                    "model-explains-nothing",
+                    _NOTHING,
                     "error",
                     f"{record.label}: the model does not follow the {output}: it leaves {told[0]} (rms) of "
                     f"readings that vary by {told[1]} about their mean",
@@ -134,10 +135,8 @@ def impossible_current(problem: Problem, solution: Solution, record: PreparedRun
 
 def message(solution: Solution, findings: Sequence[Finding]) -> str:
     """How the search ended, and in the same breath what contradicts the fit."""
-    ended = solution.message if solution.converged else f"did not converge: {solution.message}"
     errors = dict.fromkeys(f.code for f in findings if f.severity == "error" and f.code != "not-converged")
     if not errors:
-        return ended
-    if "model-explains-nothing" in errors:
-        return f"{ended}, but the model explains nothing of what was read (see the findings {', '.join(errors)})"
-    return f"{ended}, but errors contradict this fit (see the findings {', '.join(errors)})"
+        return solution.message
+    what = "the model explains nothing of what was read" if _NOTHING in errors else "errors contradict this fit"
+    return f"{solution.message}, but {what} (see the findings {', '.join(errors)})"
