@@ -40,6 +40,7 @@ from ipmclab.model import Actuator
 from ipmclab.model.declared import electrical, outputs_of, stage_outputs
 from ipmclab.model.given import need_actuator, need_each_once, need_run
 from ipmclab.model.stages.circuit import SERIES
+from ipmclab.model.stages.leak import SLOW_TIME
 from ipmclab.one_thread import on_one_thread
 from ipmclab.progress import Tell, part, stage, telling
 from ipmclab.quality.check import check_record
@@ -315,7 +316,7 @@ def _labels(labels: Sequence[str] | None, runs: int) -> list[str] | None:
 def _leak_grows(actuator: Actuator, result: Estimate) -> bool:
     """Whether the model has a leak that grows, and the readings show it."""
     unseen = {unknown.base for one in result.unseen for unknown in one.unknowns}
-    return actuator.structure.slow_leak and not any(name.startswith("leak.slow.") for name in unseen)
+    return actuator.structure.slow_leak and SLOW_TIME not in unseen
 
 
 def outputs_of_fit(names: FreeParameters) -> tuple[str, ...]:

@@ -85,6 +85,17 @@ def is_of_circuit(name: str) -> bool:
     return kind is not None and kind.group == ELECTRICAL
 
 
+def is_of_leak(name: str) -> bool:
+    """Whether a parameter belongs to a leak, its slow part included.
+
+    Examples
+    --------
+    >>> is_of_leak("leak.slow.growth"), is_of_leak("circuit.dc_resistivity")
+    (True, False)
+    """
+    return name.startswith("leak.")
+
+
 def has_several_minima(name: str) -> bool:
     """Whether a fit of a parameter has several, of which noise can make the wrong one the first."""
     kind = kind_of(name)

@@ -25,7 +25,7 @@ from ipmclab.identification.search.starts.start import StartingPoint, known_firs
 from ipmclab.identification.search.starts.start_in_state import in_one_state, moved_back, nowhere, there_alone
 from ipmclab.identification.search.valleys import Minima, Place, Rival, Valley
 from ipmclab.model import Actuator
-from ipmclab.model.declared import electrical, has_several_minima
+from ipmclab.model.declared import electrical, has_several_minima, is_of_leak
 from ipmclab.model.geometry import DIMENSIONS
 from ipmclab.model.parameters import Parameter
 from ipmclab.model.stages.circuit import SERIES
@@ -139,7 +139,7 @@ def _from_without_leak(
     with minima that lie apart.
     """
     problem = posed[0][0]
-    leaking = [place for place, unknown in enumerate(problem.unknowns) if unknown.base.startswith("leak.")]
+    leaking = [place for place, unknown in enumerate(problem.unknowns) if is_of_leak(unknown.base)]
     sizes = {place: problem.unknowns[place] for place in leaking if is_size_of_leak(problem.unknowns[place].base)}
     if not sizes:
         return None
