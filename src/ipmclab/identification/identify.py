@@ -177,10 +177,7 @@ def _identify(
     need_each_once(given, [record.label for record in records])
     _need_readings(names, given, records, silent)
     lost = [{output for output, one in record.readings.items() if not one.used.any()} for record in records]
-    records = [
-        replace(record, readings={name: one for name, one in record.readings.items() if name not in gone})
-        for record, gone in zip(records, lost, strict=True)
-    ]
+    records = [record.without(gone) for record, gone in zip(records, lost, strict=True)]
     left_out = [
         left_out_of(record, which, why)
         for record in records
@@ -190,11 +187,7 @@ def _identify(
     result = estimate(actuator, names, records)
     foreign = motion_of_another_coupling(result.problem, result.correlated.left, _for_series_alone(names))
     if foreign:
-        gone = {finding.channel for finding in foreign}
-        records = [
-            replace(record, readings={name: one for name, one in record.readings.items() if name not in gone})
-            for record in records
-        ]
+        records = [record.without([finding.channel for finding in foreign if finding.channel]) for record in records]
         left_out += foreign
         result = estimate(actuator, names, records)
     diagnoses, lacking = _what_it_lacks(actuator, names, result) if diagnosed else ((), ())

@@ -97,12 +97,12 @@ def _is_at_rest_too(under: Correlated, key: Key) -> bool | None:
 
 def _are_at_rest_too(under: Correlated, coloured: Sequence[Key]) -> bool | None:
     """Whether the rows at 0 V have these noises; None where they do not say so."""
-    sized = {key: _is_at_rest_too(under, key) for key in coloured}
+    noises = {key: (under.shapes[key], _left_at_rest(under, key)) for key in coloured}
+    sized = {key: is_at_rest_too(*noise) for key, noise in noises.items()}
     answers: list[bool | None] = list(sized.values())
     walking = [key for key, one in sized.items() if one and under.shapes[key].terms.walk]
     for output in {output for _, output in walking}:
-        of_runs = [(under.shapes[key], _left_at_rest(under, key)) for key in walking if key[1] == output]
-        answers.append(walks_at_rest(of_runs))
+        answers.append(walks_at_rest([noises[key] for key in walking if key[1] == output]))
     return False if False in answers else None if None in answers else True
 
 

@@ -6,7 +6,7 @@ What stands here belongs to one run, never to the sample.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Final, NamedTuple
@@ -144,6 +144,10 @@ class PreparedRun:
     def step(self) -> float:
         """The usual step between rows [s]: their noise is counted in it."""
         return 1.0 / self.run.rate if self.run.is_uniform else float(np.median(np.diff(self.run.time)))
+
+    def without(self, outputs: Collection[str]) -> PreparedRun:
+        """The same without the readings of some outputs."""
+        return replace(self, readings={name: one for name, one in self.readings.items() if name not in outputs})
 
     def times_of(self, output: str) -> FloatArray:
         """When its measured readings were taken [s]."""

@@ -33,9 +33,8 @@ from ipmclab.progress import stage
 
 FloatArray = npt.NDArray[np.float64]
 
-_TOO_SMALL: Final = (
-    1e-3  # of the size of a leak that readings suggest: adds nothing to a circuit that was found without
-)
+_TOO_SMALL: Final = 1e-3
+"""Of the size of a leak that the readings suggest: it adds nothing to a circuit that was found without it."""
 
 
 def find_minima(
@@ -100,7 +99,10 @@ def _search(
     tried = to_the_end(tried, noise)
     problem, solution = min(tried, key=lambda pair: pair[1].evaluation.cost)
     stage("looking for other fits that are as good", 0.4, 0.5, 300)
-    solution, valley = _along(actuator, names, problem, solution)
+    valley = along_valleys(actuator, names, problem, solution)
+    lowest = _lowest_of(problem, solution, valley)
+    if lowest is not solution:
+        solution, valley = lowest, along_valleys(actuator, names, problem, lowest)
     spent = [*(other for _, other in tried), *(place.solution for place in valley)]
     solution = replace(solution, evaluations=sum(other.evaluations for other in spent))
     per_reading = solution.evaluation.cost / len(solution.evaluation.residual)
@@ -118,16 +120,11 @@ def _search(
     return problem, solution, Minima(tuple(rivals), allowed_places(problem, solution, valley), tuple(ends), walked)
 
 
-def _along(
-    actuator: Actuator, names: FreeParameters, problem: Problem, solution: Solution
-) -> tuple[Solution, list[Place]]:
-    """The lowest minimum along the valleys of one, and its own valleys."""
-    valley = along_valleys(actuator, names, problem, solution)
+def _lowest_of(problem: Problem, solution: Solution, valley: Sequence[Place]) -> Solution:
+    """A minimum, or the lower one that lies along its valleys."""
     lowest = min((place.solution for place in valley), key=lambda other: other.evaluation.cost, default=solution)
-    if lowest.evaluation.cost < solution.evaluation.cost - 1e-3:
-        solution = minimum(problem, lowest.theta)
-        valley = along_valleys(actuator, names, problem, solution)
-    return solution, valley
+    is_lower = lowest.evaluation.cost < solution.evaluation.cost - 1e-3
+    return minimum(problem, lowest.theta) if is_lower else solution
 
 
 def _from_without_leak(
@@ -149,7 +146,8 @@ def _from_without_leak(
         return None
     starts = [(theta, minimum(circuit, np.delete(theta, leaking), evaluations=SHORTLY)) for _, theta in posed]
     start, solution = min(starts, key=lambda pair: pair[1].evaluation.cost)
-    solution, _ = _along(actuator, names, circuit, minimum(circuit, solution.theta))
+    solution = minimum(circuit, solution.theta)
+    solution = _lowest_of(circuit, solution, along_valleys(actuator, names, circuit, solution))
     whole = start.copy()
     whole[np.delete(np.arange(len(start)), leaking)] = solution.theta
     for place, unknown in sizes.items():

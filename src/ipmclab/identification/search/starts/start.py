@@ -18,6 +18,7 @@ from ipmclab.identification.search.starts.start_further import further_starts, w
 from ipmclab.identification.search.starts.start_leak import leak_starts
 from ipmclab.identification.search.starts.start_relaxation import relaxation_start
 from ipmclab.model import Actuator, geometry
+from ipmclab.model.declared import is_of_leak
 from ipmclab.model.stages.circuit import CONTACT, DC, SERIES, SHEET
 
 _SERIES_PARTS: Final = (0.9, 0.5, 0.97, 0.2)
@@ -70,7 +71,7 @@ def starting_points(
             series = lumped(actuator.circuit.branches, values, with_current[0].series_resistance).series
             electric, exact = circuit_values(seen, values, series)
             bases.append({**usual, **series_values, **electric})
-    elif any(name.startswith("leak.") for name in free):
+    elif any(is_of_leak(name) for name in free):
         bases = _with_leak(actuator, free, _with_current(records), delays, usual)
     share = "clamp.direct_share"
     if share in free and circuit is None:

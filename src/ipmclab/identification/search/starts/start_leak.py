@@ -20,6 +20,7 @@ from ipmclab.identification.search.starts.start_circuit import circuit_values, c
 from ipmclab.identification.search.varpro import SearchedRun, search_poles
 from ipmclab.model import Actuator
 from ipmclab.model.admittance import Admittance, admittance
+from ipmclab.model.declared import is_of_leak
 from ipmclab.model.numerics.drive import responses
 from ipmclab.model.stages.leak import ELECTROLYSIS
 
@@ -69,7 +70,7 @@ def leak_starts(
     def circuit_beside(leak: FloatArray) -> Admittance:
         return node.circuit(leak, structure.branches) if circuit_is_free else known
 
-    if not any(name.startswith("leak.") for name in free):
+    if not any(is_of_leak(name) for name in free):
         seen = circuit_beside(_leaks(actuator, node))
         return [circuit_values(seen, actuator.parameter_values, node.series_resistance)[0]]
     shapes = _shapes(structure.leak, node.voltage)
