@@ -12,6 +12,7 @@ import numpy as np
 from ipmclab.errors import InputError
 from ipmclab.fit.fit import Fit
 from ipmclab.model import Actuator, simulate
+from ipmclab.quality.kept import kept
 from ipmclab.quality.noise import noise_of_readings
 from ipmclab.quality.record import GUARD_ROWS, Record
 from ipmclab.run import Finding, FloatArray, Hold, Run
@@ -73,6 +74,10 @@ def noisy_voltage(fit: Fit, runs: Sequence[Run]) -> list[Finding]:
 
 def _scatter(run: Run) -> tuple[float, FloatArray] | None:
     """Standard deviation of the voltage where it is held [V], and its deviations there (0 elsewhere)."""
+    return kept(run, "scatter", lambda: _scatter_of(run))
+
+
+def _scatter_of(run: Run) -> tuple[float, FloatArray] | None:
     record = Record.of(run)
     bounds = [0, *record.edges.tolist(), len(run)]
     deviations = np.zeros(len(run))

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
-from typing import Any
+from typing import Any, Final
+
+_PLAIN: Final = frozenset({float, int, str, bool})
 
 
 def in_toml(value: Any) -> Any:
     """A value in the types that TOML has; of what is None, which it has not, nothing is said."""
+    if type(value) in _PLAIN:
+        return value
     if is_dataclass(value):
         value = {one.name: getattr(value, one.name) for one in fields(value)}
     if isinstance(value, Mapping):
