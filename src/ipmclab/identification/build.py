@@ -81,13 +81,14 @@ def build_fit(
     order = Order(reference)
     rivals = [rival.sorted_as(problem, reference) for rival in result.rivals]
     model = Actuator(actuator.name, reference)
-    points = _points(result, found, rivals, stated, exact)
-    beside = _beside_unseen(points)
     open_edges = edges_are_open(asked, found)
     alone = [
-        interval_of(problem, solution, unknown, place, found, number, float(relative[number]), open_edges=open_edges)
+        interval_of(result.correlated, unknown, place, found, number, float(relative[number]), open_edges=open_edges)
         for number, (place, unknown) in enumerate(problem.asked)
     ]
+    far = [end for one in alone if one.error > DETERMINED for end in one.ends]
+    points = _points(result, found, rivals, stated, exact, far)
+    beside = _beside_unseen(points)
     apart = {
         unknown.name
         for unknown, one in zip(asked, alone, strict=True)
@@ -107,7 +108,8 @@ def build_fit(
         # Along an open direction a linear unknown stands at the file's value, which may be its bound.
         at_bound = (unknown.log or math.isfinite(error)) and is_at_bound(unknown, float(solution.theta[place]))
         others = [(r.entries[unknown.name], r.reach[unknown.name]) for r in rivals if unknown.name in r.entries]
-        first = open_ends(unknown) if unknown.name in beyond else (alone[number].low, alone[number].high)
+        is_open = unknown.name in beyond and not at_bound
+        first = open_ends(unknown) if is_open else (alone[number].low, alone[number].high)
         interval, agree = with_rivals(unknown, float(solution.theta[place]), first, others)
         variance = float(found.covariance[number, number])
         wider = half_width(unknown, interval) / NORMAL_95 if unknown.name in apart else 0.0
@@ -195,10 +197,15 @@ def build_fit(
 
 
 def _points(
-    result: Estimate, found: Uncertainty, rivals: Sequence[Rival], stated: Table, exact: Sequence[str]
+    result: Estimate,
+    found: Uncertainty,
+    rivals: Sequence[Rival],
+    stated: Table,
+    exact: Sequence[str],
+    far: Sequence[FloatArray],
 ) -> list[Point]:
     """The fit, and the one in which the stages that do not show may still be there."""
-    points = [Point(result.problem, result.solution.theta, found, stated, rivals)]
+    points = [Point(result.problem, result.solution.theta, found, stated, rivals, far)]
     if result.beside is not None:
         problem, solution = result.beside.problem, result.beside.solution
         points.append(Point(problem, solution.theta, uncertainty(result.beside, stated, exact), stated))

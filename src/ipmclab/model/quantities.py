@@ -91,7 +91,9 @@ def derived(name: str) -> Derived:
     return Derived(whole.words.replace("constant", f"constant {int(number) + 1}"), whole.quantity, whole.positive)
 
 
-def quantities_of(actuator: Actuator, outputs: Collection[str], highest: float) -> dict[str, float]:
+def quantities_of(
+    actuator: Actuator, outputs: Collection[str], highest: float, longest: float = math.inf
+) -> dict[str, float]:
     """What follows from the parameters of a strip [SI].
 
     The electrical ones are those of the joined circuit as its clamp shows them: current over voltage is
@@ -107,6 +109,9 @@ def quantities_of(actuator: Actuator, outputs: Collection[str], highest: float) 
         What was read: of nothing else static gain and bandwidth are given.
     highest : float [Hz]
         Up to which a bandwidth is sought.
+    longest : float [s]
+        How long readings last: the dc resistance and the charge, which show when all time constants have passed, are
+        given where none of these is longer.
 
     Returns
     -------
@@ -124,7 +129,7 @@ def quantities_of(actuator: Actuator, outputs: Collection[str], highest: float) 
     values = actuator.parameter_values
     found: dict[str, float] = {}
     if "current" in outputs and actuator.structure.is_lumped:
-        found |= _of_circuits(actuator.structure.electrical.block(values), 1)[0]
+        found |= _of_circuits(actuator.structure.electrical.block(values), 1, longest)[0]
     if {"displacement", "force"} & set(outputs):
         found["coupling.static"] = values["coupling.gain"] * values["coupling.zero"] / values["coupling.p2"]
         found["beam.stiffness"] = float(abs(tip_stiffness(values)))
@@ -136,7 +141,11 @@ def quantities_of(actuator: Actuator, outputs: Collection[str], highest: float) 
 
 
 def quantities_of_each(
-    actuator: Actuator, points: Sequence[Mapping[str, float]], outputs: Collection[str], highest: float
+    actuator: Actuator,
+    points: Sequence[Mapping[str, float]],
+    outputs: Collection[str],
+    highest: float,
+    longest: float = math.inf,
 ) -> list[dict[str, float]]:
     """What follows from each of several sets of the parameters of one strip; the rest as ``quantities_of``.
 
@@ -147,16 +156,17 @@ def quantities_of_each(
         Every parameter of the actuator.
     outputs : collection of str
     highest : float [Hz]
+    longest : float [s]
     """
     own, structure = actuator.parameter_values, actuator.structure
     if set(outputs) == {"current"} and structure.is_lumped and structure.takes_arrays:
         together: Any = {name: np.array([point[name] for point in points]) for name in own}
-        return _of_circuits(structure.electrical.block(together), len(points))
+        return _of_circuits(structure.electrical.block(together), len(points), longest)
     moved = [{name: point[name] for name in own if point[name] != own[name]} for point in points]
-    return [quantities_of(actuator.replace(**changes), outputs, highest) for changes in moved]
+    return [quantities_of(actuator.replace(**changes), outputs, highest, longest) for changes in moved]
 
 
-def _of_circuits(circuit: Block, count: int) -> list[dict[str, float]]:
+def _of_circuits(circuit: Block, count: int, longest: float) -> list[dict[str, float]]:
     """The electrical quantities of the circuits whose matrices stand in a block, that axis first."""
     row, column = circuit.outputs.index("current"), circuit.inputs.index("voltage")
     a, b, c, d = (
@@ -175,10 +185,11 @@ def _of_circuits(circuit: Block, count: int) -> list[dict[str, float]]:
     for k in range(count):
         own = {"circuit.high_frequency_resistance": float(1.0 / d[k])}
         if not hidden[k]:
-            if conductance[k] > _ROUNDING * d[k]:
-                own["circuit.dc_resistance"] = float(1.0 / conductance[k])
-            own["circuit.capacitance"] = float(capacitance[k])
             lags = np.sort(-1.0 / poles[k].real).tolist()
+            if not lags or lags[-1] <= longest:
+                if conductance[k] > _ROUNDING * d[k]:
+                    own["circuit.dc_resistance"] = float(1.0 / conductance[k])
+                own["circuit.capacitance"] = float(capacitance[k])
             own |= {f"circuit.time_constants.{number}": lag for number, lag in enumerate(lags)}
         found.append(own)
     return found

@@ -9,6 +9,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
+from ipmclab import Run, identify, simulate
 from ipmclab.identification.noise.correlate import Correlated
 from ipmclab.identification.noise.growing import Growth
 from ipmclab.identification.problem.problem import Evaluation
@@ -27,6 +28,7 @@ from ipmclab.identification.uncertainty.interval import (
 )
 from ipmclab.identification.uncertainty.profile import Walk, one_side
 from ipmclab.model import load_actuator
+from ipmclab.model.stages.circuit import DC
 
 SEED = 20261121
 TAILS = (0.025, 0.03, 0.035, 0.04)
@@ -114,7 +116,9 @@ def test_the_shortest_interval_holds_the_truth_as_often_and_is_shorter(sign: flo
 
 def test_what_its_nearer_side_calls_determined_is_known_as_well_as_that() -> None:
     covariance = np.array([[0.25, 0.2], [0.2, 0.36]])
-    found = Uncertainty(covariance, covariance, np.zeros((0, 2)), np.ones(2), {}, (), np.full(2, 100.0))
+    found = Uncertainty(
+        covariance, covariance.diagonal(), covariance, np.zeros((0, 2)), np.ones(2), {}, (), np.full(2, 100.0)
+    )
     errors = np.sqrt(covariance.diagonal())
     sharper = as_determined(found, errors, np.array([0.4, 0.5]))
     assert np.sqrt(sharper.covariance.diagonal()) == pytest.approx([0.4, 0.6])
@@ -166,10 +170,13 @@ def test_an_interval_is_the_shortest_that_its_profile_allows(sign: float) -> Non
     problem.responder = None
     theta = np.array([0.0, 0.0])
     covariance = np.array([[0.09]])
-    found = Uncertainty(covariance, covariance, np.zeros((0, 1)), np.ones(1), {}, (), np.array([1e6]))
+    found = Uncertainty(
+        covariance, covariance.diagonal(), covariance, np.zeros((0, 1)), np.ones(1), {}, (), np.array([1e6])
+    )
     unknown = actuator_unknown(load_actuator("friend-2").parameters()["circuit.branches.0.resistivity"], None)
     solution = Solution(theta, problem.evaluate(theta), True, "", 1)
-    interval = interval_of(problem, solution, unknown, 0, found, 0, 0.3, open_edges=False)
+    correlated = Correlated(problem, solution, solution.evaluation)
+    interval = interval_of(correlated, unknown, 0, found, 0, 0.3, open_edges=False)
     even = sum(walk.distance(1.96) for walk in problem.walks())
     assert math.log(interval.high / interval.low) < 0.98 * even
 
@@ -224,3 +231,25 @@ def test_a_reciprocal_that_is_just_determined_is_just_narrow_enough(error: float
     unknown = actuator_unknown(load_actuator("friend-2").parameters()["circuit.dc_resistivity"], None)
     reach = 1.959963984540054 * error
     assert is_too_wide(unknown, (1.0 / (1.0 + reach), 1.0 / (1.0 - reach))) == wide
+
+
+@pytest.mark.parametrize("seed", [1, 3])
+def test_what_went_to_its_bound_comes_back_as_far_as_the_readings_allow(seed: int) -> None:
+    """A strip without a dc path: where its interval ends, a fit that holds it there is worse by 3.84 of chi-square."""
+    strip = load_actuator("friend-2").replace(**{DC: 1e7})
+    clean = simulate(strip, "step 1 V delay=1 s", duration=60, rate=25)
+    assert clean.current is not None
+    noise = 1e-4 * np.random.default_rng(seed).standard_normal(len(clean))
+    run = Run.from_arrays(time=clean.time, voltage=clean.voltage, current=clean.current + noise, hold="zero")
+    fit = identify(strip, run)
+    found = fit.parameters[DC]
+    assert found.at_bound
+    assert not found.determined
+    assert math.isinf(found.interval[1])
+    branches = [name for name in fit.parameters if name.startswith("circuit.branches")]
+    at_end = identify(strip.replace(**{DC: found.interval[0]}), run, free=branches)
+    squares = [float(np.nansum(one.residuals[0]["current"] ** 2)) for one in (fit, at_end)]
+    assert (squares[1] - squares[0]) / (squares[0] / (len(run) - 5)) == pytest.approx(3.84, rel=0.05)
+    # What is known of the charge holds what that fit has for it.
+    charge, there = ({q.name: q for q in one.known}["circuit.capacitance"] for one in (fit, at_end))
+    assert charge.interval[0] <= there.value * (1 + 1e-4)  # a walk ends within some hundredths of its height

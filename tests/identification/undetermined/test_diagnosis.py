@@ -39,7 +39,7 @@ def test_a_measurement_is_proposed_where_nothing_went_to_the_end_of_its_range(
     unknowns = [actuator_unknown(PARAMETERS[one], None) for one in NAMES]
     known = np.diag([0.0, 0.0, 1e-4])
     null = np.array([[1.0, -1.0, 0.0]]) / np.sqrt(2.0)
-    found = Uncertainty(known, known, null, np.array([1.0, 1.0, 0.0]), {}, (), np.full(3, 100.0))
+    found = Uncertainty(known, known.diagonal(), known, null, np.array([1.0, 1.0, 0.0]), {}, (), np.full(3, 100.0))
     run = simulate(FRIEND, "step 1 V", duration=2.0, rate=20.0)
     records = [prepare(run, 0, ["current"], ())]
     (direction,) = directions(unknowns, np.array([strip[one] for one in NAMES]), found, found, records, strip)
@@ -61,7 +61,7 @@ def test_no_run_is_asked_for_with_what_the_runs_have(lacks: tuple[str, ...], cur
     unknowns = [actuator_unknown(PARAMETERS[one], None) for one in NAMES]
     null = np.array([[1.0, -1.0, 0.0]]) / np.sqrt(2.0)
     known = np.diag([0.0, 0.0, 1e-4])
-    found = Uncertainty(known, known, null, np.array([1.0, 1.0, 0.0]), {}, (), np.full(3, 100.0))
+    found = Uncertainty(known, known.diagonal(), known, null, np.array([1.0, 1.0, 0.0]), {}, (), np.full(3, 100.0))
     run = replace(simulate(FRIEND, "step 1 V", duration=2.0, rate=20.0), **dict.fromkeys(lacks))  # type: ignore[arg-type]
     records = [prepare(run, 0, ["current"], ())]
     (direction,) = directions(unknowns, np.array([FRIEND[one] for one in NAMES]), found, found, records, FRIEND)

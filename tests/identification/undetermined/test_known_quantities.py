@@ -51,6 +51,30 @@ def held(strip: Actuator, fits: Sequence[Fit], outputs: Sequence[str]) -> dict[s
     return found
 
 
+def test_what_shows_after_the_record_is_not_known_from_it() -> None:
+    """The slowest time constant of the strip is 15.8 s: in 12 s neither its charge nor its dc resistance is seen."""
+    longer, shorter = (
+        {one.name for one in identify(STRIP, simulate(STRIP, "step 1 V", duration=duration, rate=50)).known}
+        for duration in (20.0, 12.0)
+    )
+    assert longer == ELECTRICAL
+    assert ELECTRICAL - shorter == {"circuit.dc_resistance", "circuit.capacitance"}
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_quantity_is_not_known_where_an_open_parameter_moves_it(seed: int) -> None:
+    """A second branch whose capacitance may be anything from there on: the charge is not known, the resistance is."""
+    strip = STRIP.replace(**{"circuit.branches.1.permittivity": 3.0})
+    run = noisy(
+        np.random.default_rng(seed), "step 1 V delay=1 s", strip=strip, outputs=("current",), duration=20.0, rate=20.0
+    )
+    fit = identify(strip, run)
+    known = {one.name: one for one in fit.known}
+    assert not fit.parameters["circuit.branches.1.permittivity"].determined
+    assert "circuit.capacitance" not in known
+    assert "circuit.high_frequency_resistance" in known
+
+
 def test_the_quantities_of_the_circuit_are_what_its_current_shows() -> None:
     """Against the current itself: its first value, its last one, and the area between."""
     rate, duration = 200.0, 300.0

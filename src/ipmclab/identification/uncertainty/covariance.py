@@ -36,6 +36,8 @@ class Uncertainty:
     ----------
     covariance : float array, shape (n, n)
         Without the null directions, with colour and fixed values passed on.
+    of_readings : float array, shape (n,)
+        Variances with every fixed value exact.
     plain : float array, shape (n, n)
         As if the residuals were white and every fixed value exact.
     null : float array, shape (n_null, n)
@@ -57,6 +59,7 @@ class Uncertainty:
     """
 
     covariance: FloatArray
+    of_readings: FloatArray
     plain: FloatArray
     null: FloatArray
     singular_values: FloatArray
@@ -103,7 +106,7 @@ def uncertainty(correlated: Correlated, fixed: Mapping[str, Mapping[str, float]]
     if nuisance.all():
         nothing = np.zeros((0, 0))
         none = dict.fromkeys((*fixed, *exact), np.zeros(0))
-        return Uncertainty(nothing, nothing, nothing, np.zeros(0), none, (), np.zeros(0), slopes=none)
+        return Uncertainty(nothing, np.zeros(0), nothing, nothing, np.zeros(0), none, (), np.zeros(0), slopes=none)
     singular, directions = _of_the_asked(evaluation, nuisance)
     asked = len(directions)
     seen = singular > least_seen(evaluation, singular[0]) if singular[0] > 0 else np.zeros(asked, dtype=bool)
@@ -147,6 +150,7 @@ def uncertainty(correlated: Correlated, fixed: Mapping[str, Mapping[str, float]]
 
     moved = plain @ (own.T @ hidden_zeros(problem, len(own)))
     covariance = covariance + moved @ moved.T
+    of_readings = covariance.diagonal()
     names = [*fixed, *exact]
     leverage: dict[str, FloatArray] = {}
     slopes: dict[str, FloatArray] = {}
@@ -161,7 +165,17 @@ def uncertainty(correlated: Correlated, fixed: Mapping[str, Mapping[str, float]]
         covariance = covariance + passed_on @ together.reshape(len(fixed), len(fixed)) @ passed_on.T
     zero = frozenset(name for name in names if problem.base[name] == 0.0)
     return Uncertainty(
-        covariance, plain, directions[~seen], singular, leverage, coloured, freedom, growing, slopes, zero
+        covariance,
+        of_readings,
+        plain,
+        directions[~seen],
+        singular,
+        leverage,
+        coloured,
+        freedom,
+        growing,
+        slopes,
+        zero,
     )
 
 

@@ -11,11 +11,9 @@ import numpy as np
 
 from ipmclab.confidence import NORMAL_95
 from ipmclab.fit.fit import DETERMINED
-from ipmclab.identification.problem.problem import Problem
-from ipmclab.identification.problem.response import CircuitResponder
+from ipmclab.identification.noise.correlate import Correlated
 from ipmclab.identification.problem.unknowns import Unknown
 from ipmclab.identification.search.descent import shorter
-from ipmclab.identification.search.solve import Solution
 from ipmclab.identification.search.valleys import Rival
 from ipmclab.identification.uncertainty.covariance import Uncertainty
 from ipmclab.identification.uncertainty.profile import Walk
@@ -24,8 +22,6 @@ from ipmclab.run import FloatArray
 
 _CURVED: Final = 0.05  # standard error of a logarithm above which the likelihood's profile is followed
 _BENT: Final = 0.15  # the same for what is no logarithm, as a part of its value
-_HOPELESS: Final = 1.5  # and above which the interval is open without asking: for a circuit, whose profile is quick
-_COSTLY: Final = 0.7  # the same where each run of the model is costly
 _TWO_ERRORS: Final = 2.0 * DETERMINED  # how far apart minima lie that are still the same answer
 _SURE_AT_LIMITS: Final = 0.995  # of the probability, up to each end
 _AT_LIMIT: Final = 1e-3  # of a logarithm: nearer to where the search ends it says no more than that
@@ -33,6 +29,8 @@ _OPEN_EDGE: Final = 0.3  # part of what is known of an edge beforehand that the 
 _LEFT_OUT: Final = 0.05  # of the probability, beyond both ends together
 _TAILS: Final = (0.025, 0.03, 0.035, 0.04)  # of it beyond the end that lies farther off
 _EVEN: Final = 1.1  # ratio of the two sides below which they count as equal
+_FIRST: Final = 1.0  # of an entry: the first step away from a bound
+_WIDENED: Final = 4  # times at most that the noise along a way makes it longer
 
 
 @dataclass(frozen=True)
@@ -46,16 +44,18 @@ class Interval:
     error : float
         Standard error of the entry towards the side on which the likelihood falls faster: of its
         logarithm. Infinite where a side is open, where the profile was not followed, and for what is no logarithm.
+    ends : tuple of float array, shape (n_unknown,)
+        All entries where a profile that was followed ends, every fixed value exact.
     """
 
     low: float
     high: float
     error: float = math.inf
+    ends: tuple[FloatArray, ...] = ()
 
 
 def interval_of(
-    problem: Problem,
-    solution: Solution,
+    correlated: Correlated,
     unknown: Unknown,
     place: int,
     found: Uncertainty,
@@ -68,8 +68,8 @@ def interval_of(
 
     Parameters
     ----------
-    problem : Problem
-    solution : Solution
+    correlated : Correlated
+        The solution, and the noise found in its residuals.
     unknown : Unknown
     place : int
         Of its entry in the vector.
@@ -83,13 +83,13 @@ def interval_of(
     """
     from scipy.special import stdtrit
 
+    problem, solution = correlated.problem, correlated.solution
     entry = float(solution.theta[place])
-    hopeless = _HOPELESS if isinstance(problem.responder, CircuitResponder) else _COSTLY
-    if any(other.beforehand is not None for other in problem.unknowns):
-        hopeless = math.inf  # what is known beforehand ends every profile
-    if math.isinf(error) or (unknown.log and found.plain[number, number] > hopeless**2):
-        return Interval(*open_ends(unknown))
     variance, freedom = float(found.covariance[number, number]), float(found.freedom[number])
+    if unknown.log and is_at_bound(unknown, entry):
+        return _from_its_bound(correlated, unknown, place, float(stdtrit(freedom, 1.0 - 0.5 * _LEFT_OUT)))
+    if math.isinf(error):
+        return Interval(*open_ends(unknown))
     # An edge that lies just where its rows still allow it (on a row) is no rare case: nearer to 99 % of the others.
     level = _SURE_AT_LIMITS if unknown.log and open_edges else 1.0 - 0.5 * _LEFT_OUT
     reach = float(stdtrit(freedom, level)) * math.sqrt(variance)
@@ -105,9 +105,36 @@ def interval_of(
     tails = _TAILS if level < _SURE_AT_LIMITS else (1.0 - level,)
     down, up = _shortest(walks, freedom, wider, tails)
     low, high = beside_bounds(unknown, entry - down, entry + up)
+    # What else is uncertain (a fixed value) does not move along the profile.
+    height = float(stdtrit(freedom, 1.0 - 0.5 * _LEFT_OUT)) * math.sqrt(max(found.of_readings[number] / plain, 1.0))
+    ends = tuple(walk.end(walk.distance(height)) for walk in walks)
     if not unknown.log or math.isinf(down) or math.isinf(up):
-        return Interval(low, high)
-    return Interval(low, high, min(walk.crossed(wider) for walk in walks))
+        return Interval(low, high, ends=ends)
+    return Interval(low, high, min(walk.crossed(wider) for walk in walks), ends)
+
+
+def _from_its_bound(correlated: Correlated, unknown: Unknown, place: int, height: float) -> Interval:
+    """The interval of a parameter that went to where the search ends: from there to where the readings object.
+
+    At its bound it is not felt, so that no curvature says how far it may come back. How much the noise moves the
+    readings along the way is asked where the way ends.
+    """
+    problem, solution = correlated.problem, correlated.solution
+    entry = float(solution.theta[place])
+    inwards = 1.0 if entry - unknown.limits[0] < unknown.limits[1] - entry else -1.0
+    # Means are a guide; what they end at is asked of all rows.
+    walk = Walk(*shorter(problem, solution), place, inwards * _FIRST, farthest=math.inf)
+    wider = 1.0
+    away, end = math.inf, solution.theta
+    for _ in range(_WIDENED):
+        away = walk.distance(height * wider)
+        end = walk.end(away)
+        found = math.sqrt(correlated.inflation(problem.evaluate(end).residual - solution.evaluation.residual))
+        if math.isinf(away) or found < _EVEN * wider:
+            break
+        wider = found
+    low, high = sorted((entry, entry + inwards * away))
+    return Interval(*beside_bounds(unknown, low, high), ends=(end,))
 
 
 def _shortest(walks: Sequence[Walk], freedom: float, wider: float, tails: Sequence[float]) -> tuple[float, float]:

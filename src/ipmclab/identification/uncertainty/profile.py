@@ -79,10 +79,14 @@ class Walk:
         The entry.
     error : float
         Its standard error, where the first step leads; negative to walk downwards.
+    farthest : float
+        Of an entry, up to where it is walked.
     """
 
-    def __init__(self, problem: Problem, solution: Solution, place: int, error: float) -> None:
-        self._problem, self._solution, self._place = problem, solution, place
+    def __init__(
+        self, problem: Problem, solution: Solution, place: int, error: float, farthest: float = _FARTHEST
+    ) -> None:
+        self._problem, self._solution, self._place, self._farthest = problem, solution, place, farthest
         self._side, self._error = math.copysign(1.0, error), min(abs(error), _FARTHEST)
         self._middle = float(solution.theta[place])
         self._slopes = {self._middle: 1.0 / self._error}
@@ -114,6 +118,16 @@ class Walk:
         """The same from what was walked already, to a few hundredths; infinite where that ended below."""
         near, far = self._around(height)
         return math.inf if far is None else self._cubic(near, far, height)
+
+    def end(self, distance: float) -> FloatArray:
+        """All entries where one has moved so far; as far as was walked, where that is infinite."""
+        last = self.points[-1]
+        if math.isinf(distance):
+            return last.theta
+        entry = self._middle + self._side * distance
+        near = min(self.points, key=lambda point: abs(point.entry - entry))
+        found = held_at(self._problem, self._solution, self._place, entry, near, max(near.height**2, _NEAR))
+        return near.theta if found is None else found.theta
 
     def _away(self, point: Point) -> float:
         return self._side * (point.entry - self._middle)
@@ -160,9 +174,11 @@ class Walk:
                 guess = onward  # a line through both points would creep
             return float(np.clip(guess, away + 0.1 * room, away + 0.9 * room))
         bound = (self._problem.upper if self._side > 0 else self._problem.lower)[self._place]
-        last = min(self._side * (float(bound) - self._middle) * (1.0 - 1e-3), _FARTHEST)
+        last = min(self._side * (float(bound) - self._middle) * (1.0 - 1e-3), self._farthest)
         onward = (height - near.height) / max(slope, 0.2 * height / max(away, self._error))
-        trial = away + min(max(onward, 0.1 * away), _LONGEST_STEP)
+        # A plain that goes on beyond a factor of a thousand is crossed in steps that double.
+        longest = max(_LONGEST_STEP, away - _FARTHEST)
+        trial = away + min(max(onward, 0.1 * away), longest)
         if trial < last:
             return trial
         return last if away < 0.99 * last else None

@@ -3,6 +3,7 @@
 A quantity g of the parameters has, to first order, the variance of its gradient under their covariance, on the scale of
 its logarithm where it cannot be negative. It is said to be known only where no direction about which the readings say
 nothing moves it, where other fits as good agree on it, and where its error is that of a parameter that is determined.
+Its interval holds the values that it has where the profile of a parameter that is not determined ends.
 """
 
 from __future__ import annotations
@@ -46,6 +47,8 @@ class Point:
         Covariance of the fixed parameters with a stated uncertainty.
     rivals : sequence of Rival
         Other fits as good.
+    ends : sequence of float array, shape (n,)
+        Where the profiles of parameters end that are not determined: so far from the fit no gradient leads.
     """
 
     problem: Problem
@@ -53,6 +56,7 @@ class Point:
     found: Uncertainty
     stated: Mapping[str, Mapping[str, float]]
     rivals: Sequence[Rival] = ()
+    ends: Sequence[FloatArray] = ()
 
 
 def known_quantities(actuator: Actuator, points: Sequence[Point]) -> tuple[Known, ...]:
@@ -129,7 +133,9 @@ class _Seen:
 
     def quantities(self, points: Sequence[Mapping[str, float]]) -> list[dict[str, float]]:
         """Of each of some sets of parameters."""
-        each = quantities_of_each(self.actuator, points, tuple(self.record.readings), 0.5 * self.record.run.rate)
+        run = self.record.run
+        longest = float(run.time[-1] - run.time[0])
+        each = quantities_of_each(self.actuator, points, tuple(self.record.readings), 0.5 * run.rate, longest)
         # A capacitance of rounding alone, a resistance of none: no logarithm.
         return [
             {
@@ -183,9 +189,8 @@ def _known_at(point: Point, seen: _Seen) -> dict[str, Known]:
     fixed = [seen.along_fixed(theta, name, base[name], one) for name, one in zip(held, variances, strict=True)]
     every = seen.slopes([*moved, *fixed])
     own, of_held = every[: len(moved)], every[len(moved) :]
-    here, *others = seen.quantities(
-        [base, *(seen.at(rival.vector_of(problem.unknowns, theta)) for rival in point.rivals)]
-    )
+    others = [rival.vector_of(problem.unknowns, theta) for rival in point.rivals]
+    here, *elsewhere = seen.quantities([base, *(seen.at(one) for one in (*others, *point.ends))])
     follows = np.array([found.slopes[name] for name in held]).reshape(len(held), len(own))
     together = np.array([[point.stated[one][other] for other in stated] for one in stated])
     together = together.reshape(len(stated), len(stated))
@@ -194,8 +199,8 @@ def _known_at(point: Point, seen: _Seen) -> dict[str, Known]:
         scale = 1.0 if derived(name).positive else max(abs(value), 1e-300)
         free = np.array([one.get(name, math.nan) for one in own])
         direct = np.array([one.get(name, math.nan) for one in of_held])
-        each = [value, *(one.get(name, math.nan) for one in others)]
-        if not all(np.all(np.isfinite(numbers)) for numbers in (free, direct, each)):
+        there = [one.get(name, math.nan) for one in elsewhere]
+        if not all(np.all(np.isfinite(numbers)) for numbers in (free, direct, there)):
             continue
         if np.all(np.abs(free) <= _FELT * scale) or np.any(np.abs(found.null @ free) > MOVED * scale):
             continue
@@ -208,8 +213,9 @@ def _known_at(point: Point, seen: _Seen) -> dict[str, Known]:
         moves = np.abs(follows @ free + direct)[len(stated) :] * [0.01 * abs(base[name]) for name in exact]
         felt = moves > max(reach, MOVED * scale)
         leans = tuple(exact[k] for k in largest_first(moves) if felt[k]) if felt.any() else ()
-        ends = _value(name, min(each) - reach), _value(name, max(each) + reach)
-        told[name] = Known(name, _value(name, value), ends, leans)
+        as_good, ends = [value, *there[: len(others)]], there[len(others) :]
+        low, high = min(min(as_good) - reach, *ends, value), max(max(as_good) + reach, *ends, value)
+        told[name] = Known(name, _value(name, value), (_value(name, low), _value(name, high)), leans)
     return told
 
 
