@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import ipmclab
+import ipmclab.choosing.choice
 from ipmclab import InputError, IpmclabError, Run, RunMetadata
 
 SEED, RATE = 20261121, 25.0
@@ -220,3 +223,27 @@ def test_noise_that_cannot_be_is_passed_by_without_a_warning() -> None:
     run = record("friend-2", "step 1 V delay=1 s", 0)
     choice = ipmclab.choose(run, "branches=1,2", actuator="friend-2", folds=2)
     assert choice.best == "branches=2"
+
+
+def test_where_the_criteria_say_otherwise_that_is_said() -> None:
+    """Of two models that predict alike the smaller is preferred; a criterion that is least for the other is named."""
+    run = record("friend-2+branches=1", "step 1 V delay=1 s", 3)
+    choice = ipmclab.choose(run, "branches=1,2", actuator="friend-2")
+    assert choice.preferred == "branches=1"
+    assert not any("least for" in text for text in choice.sentences)
+    turned = [
+        replace(one, aic=0.0 if one.name == "branches=2" else ipmclab.choosing.choice.SUPPORTED + 0.5, bic=1.0)
+        for one in choice.ranked
+    ]
+    (said,) = [text for text in replace(choice, candidates=tuple(turned)).sentences if "least for" in text]
+    assert said.startswith("AIC is least for branches=2: it says how well")
+
+
+def test_the_best_of_some_models_need_not_be_complete() -> None:
+    """A strip with a leak at 2.5 V, of which neither model knows; and one of which one model knows all."""
+    leaking = record("friend-2+leak.exponential", "square 2.5 V 0.2 Hz", 3)
+    choice = ipmclab.choose(leaking, "branches=1,2", actuator="friend-2", free="electrical")
+    (said,) = [text for text in choice.sentences if "still lacks something" in text]
+    assert said.startswith(f"{choice.preferred} still lacks something: ")
+    complete = ipmclab.choose(record("friend-2", "step 1 V delay=1 s", 0), "branches=1,2", actuator="friend-2")
+    assert not any("still lacks" in text for text in complete.sentences)

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any, Final, Literal
 
 from ipmclab.choosing.compare import Difference
 from ipmclab.choosing.noise import FadingNoise
 from ipmclab.fit.fit import Fit
+from ipmclab.fit.in_brief import LACKING, in_brief
 from ipmclab.shown import Shown
 
 HoldOut = Literal["runs", "blocks"]
@@ -59,6 +60,10 @@ class Candidate:
     noise: Mapping[str, FadingNoise] = field(default_factory=dict)
     shown_in_one: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     held: tuple[str, ...] = ()
+
+
+SUPPORTED: Final = 2.0
+"""Difference of a criterion up to which both models have support (Burnham and Anderson, 2002, section 2.6)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,6 +154,7 @@ class Choice(Shown):
             if apart.is_told:
                 size = f"{abs(apart.value):.3g} nats, standard error {apart.standard_error:.2g}"
                 told.append(f"{one.name} predicts worse than {self.best} (by {size}).")
+        told += [*self._by_criteria(), *self._still_lacking()]
         told += [
             f"{one.name}: only {_listed(labels)} shows {stage}, and without it the fit leaves that stage open. So "
             "whole runs cannot judge it: hold out blocks of time (--hold-out blocks)."
@@ -171,6 +177,28 @@ class Choice(Shown):
         if self.unscored:
             told.append(f"Not every model reads the {_listed(self.unscored)}: that was left out of the comparison.")
         return tuple(told)
+
+    def _by_criteria(self) -> list[str]:
+        """Where AIC or BIC would prefer another model by more than nothing."""
+        own = self[self.preferred]
+        chosen: dict[str, list[str]] = {}
+        for criterion in ("aic", "bic"):
+            value = {one.name: float(getattr(one, criterion)) for one in self.ranked}
+            least = min(value, key=lambda name: value[name])
+            if value[own.name] - value[least] > SUPPORTED:
+                chosen.setdefault(least, []).append(criterion.upper())
+        return [
+            f"{_listed(criteria)} {'is' if len(criteria) == 1 else 'are'} least for {name}: "
+            f"{'it says' if len(criteria) == 1 else 'they say'} how well a model describes the readings that it was "
+            "fitted to; the order here is that of readings that were held out."
+            for name, criteria in chosen.items()
+        ]
+
+    def _still_lacking(self) -> list[str]:
+        """What the preferred model leaves that is no noise: the best of some models need not be complete."""
+        lacking = [one for one in self.fit.findings if one.code in LACKING]
+        lines = in_brief(lacking, self.outputs, self.labels, most=len(lacking))[0]
+        return [f"{self.preferred} still lacks something: {'; '.join(one.text for one in lines)}."] if lines else []
 
     def __str__(self) -> str:
         """A line for each model, and what came of it."""

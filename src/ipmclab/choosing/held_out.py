@@ -16,7 +16,7 @@ from ipmclab.choosing.noise import FadingNoise, Filtered, ResidualSeries, fit_no
 from ipmclab.choosing.spread import directions, slopes
 from ipmclab.errors import IpmclabError
 from ipmclab.fit.fit import Fit
-from ipmclab.identification.identify import identify
+from ipmclab.identification.identify import identify_part
 from ipmclab.identification.problem.record import PreparedRun, as_read
 from ipmclab.model import Actuator
 from ipmclab.prediction.fitted import fitted_outputs
@@ -138,7 +138,7 @@ def hold_out(
     """
     held = [division.held_rows(record, fold) for record in division.records]
     kept = [place for place in range(len(runs)) if not (division.whole_runs and held[place].any())]
-    part = identify(
+    part = identify_part(
         actuator,
         [as_read(division.records[place], held[place]) for place in kept],
         free=free,

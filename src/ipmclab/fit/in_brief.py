@@ -25,7 +25,9 @@ NOT_ALLOWED: Final = "impossible-current"
 """The model's own series resistance is too high for the current that was read."""
 
 _FAILED: Final = ("not-converged", "model-explains-nothing")
-_LACKING: Final = ("model-incomplete", "stage-missing", "model-error")
+LACKING: Final = ("model-incomplete", "stage-missing", "model-error")
+"""What says that the model leaves something that is no noise."""
+
 _CONTRADICTS: Final = {
     "capacitance-out-of-range": "",
     "density-against-mass": "mass and density contradict the thickness of the model",
@@ -63,7 +65,7 @@ _ASIDE: Final = 8
 
 _FOLLOWS: Final = {
     **dict.fromkeys((NOT_ALLOWED, *_FAILED), 1),
-    **dict.fromkeys((*_LACKING, "sensor-drift"), 2),
+    **dict.fromkeys((*LACKING, "sensor-drift"), 2),
     **dict.fromkeys(_BEYOND, 3),
     **dict.fromkeys(_UNSURE, _UNKNOWN),
     "sampling-period-unknown": 5,
@@ -217,7 +219,7 @@ def consequences_silent(findings: Sequence[Finding], outputs: Collection[str] = 
         level = _FOLLOWS.get(one.code, 0)
         if one.code == NOT_ALLOWED:
             return not broken.isdisjoint({one.channel, None})
-        if one.code in ("model-explains-nothing", *_LACKING) and one.channel in not_allowed:
+        if one.code in ("model-explains-nothing", *LACKING) and one.channel in not_allowed:
             return True
         if level > first or (one.code == "model-error" and one.channel in named):
             return True

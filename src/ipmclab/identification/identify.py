@@ -120,25 +120,38 @@ def identify(
         return identify_freed(actuator, given, with_priors(actuator, names, prior), named)
 
 
+def identify_part(
+    actuator: Actuator, runs: Sequence[Run], *, free: Iterable[str], per_run: Iterable[str], labels: Sequence[str]
+) -> Fit:
+    """What ``identify`` finds, but for the stages that the model lacks: of a part of some runs nobody asks these."""
+    names = parse_free(actuator.parameter_values, free, per_run, ())
+    return identify_freed(actuator, runs, names, labels, diagnosed=False)
+
+
 @on_one_thread
 def identify_freed(
-    actuator: Actuator, given: Sequence[Run], names: FreeParameters, labels: Sequence[str] | None
+    actuator: Actuator,
+    given: Sequence[Run],
+    names: FreeParameters,
+    labels: Sequence[str] | None,
+    *,
+    diagnosed: bool = True,
 ) -> Fit:
     """What ``identify`` does when it is settled what is free, and what of it is known beforehand."""
 
-    def of_these(places: Sequence[int], *, diagnosed: bool = False) -> Fit:
+    def of_these(places: Sequence[int], *, asked: bool = False) -> Fit:
         own = None if labels is None else [labels[place] for place in places]
         these = [given[place] for place in places]
-        return _identify(actuator, these, names, own, diagnosed=diagnosed)
+        return _identify(actuator, these, names, own, diagnosed=asked and diagnosed)
 
     every = range(len(given))
     if len(places_of_mountings(enumerate(given))) < 2:
-        return with_cross_checks(of_these(every, diagnosed=True), given)
+        return with_cross_checks(of_these(every, asked=True), given)
     with part("each mounting", 0.0, 0.5):
         each = each_mounting(given, of_these)
     with part("all mountings", 0.5, 1.0):
         # Where mountings differ, what one value for all leaves asks for no stage.
-        fit = of_these(every, diagnosed=not differ(each, actuator))
+        fit = of_these(every, asked=not differ(each, actuator))
     return with_cross_checks(with_mountings(fit, each) if each else fit, given)
 
 
