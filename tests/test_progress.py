@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from ipmclab import Run, identify, load_actuator, simulate
-from ipmclab.progress import part, stage, telling, tick
+from ipmclab.progress import aside, part, stage, telling, tick
 
 
 class Stopped(Exception):
@@ -76,3 +81,48 @@ def test_a_part_stays_within_its_own_share_of_the_whole() -> None:
         ("without the first run: done", pytest.approx(0.7)),
         ("at the end", 0.9),
     ]
+
+
+def test_what_is_said_aside_gives_way_to_the_stage_and_ends_nothing_where_it_stands() -> None:
+    told: list[str] = []
+
+    def tell(sentence: str, _: float) -> None:
+        told.append(sentence)
+        if sentence.endswith("compiling") and len(told) > 3:
+            raise Stopped
+
+    with telling(tell), part("first", 0.0, 1.0):
+        stage("searching", 0.0, 1.0)
+        aside("compiling")
+        stage("noise", 0.5, 1.0)
+        aside("compiling")
+        with pytest.raises(Stopped):
+            tick()
+    assert told == ["first: searching", "first: compiling", "first: noise", "first: compiling"]
+
+
+PROGRAM = """
+from ipmclab.progress import stage, telling
+from ipmclab.model.numerics.compiled import kernel
+
+@kernel
+def twice(x):
+    return 2.0 * x
+
+with telling(lambda sentence, _: print(sentence)):
+    stage("searching", 0.0, 1.0)
+    twice(21.0)
+"""
+
+
+def test_who_waits_for_the_compiler_is_told(tmp_path: Path) -> None:
+    (tmp_path / "program.py").write_text(PROGRAM, encoding="utf-8")
+    elsewhere = {**os.environ, "IPMCLAB_CACHE": str(tmp_path / "cache")}
+    first, second = (
+        subprocess.run(
+            [sys.executable, tmp_path / "program.py"], env=elsewhere, capture_output=True, text=True, check=True
+        ).stdout.splitlines()
+        for _ in range(2)
+    )
+    assert first == ["searching", "compiling the model, once on this machine"]
+    assert second == ["searching"]

@@ -37,6 +37,13 @@ class _Teller:
         if self._ended is not None or time.monotonic() - self._told >= _PERIOD:
             self._say()
 
+    def aside(self, sentence: str) -> None:
+        if self._ended is None:
+            try:
+                self._tell(sentence, self._fraction)
+            except Exception as error:
+                self._ended = error  # raised by the next tick: who says something aside can be ended nowhere
+
     def _say(self) -> None:
         if self._ended is not None:  # what was ended stays ended, whoever caught it on its way
             raise self._ended
@@ -119,6 +126,22 @@ def stage(sentence: str, begin: float, end: float, usual: int = 100) -> None:
         before, first, last = _part.get()
         length = last - first
         teller.stage(before + sentence, first + begin * length, first + end * length, usual)
+
+
+def aside(sentence: str) -> None:
+    """Say what the stage waits for; its next tick says the stage again.
+
+    Examples
+    --------
+    >>> with telling(print):
+    ...     stage("searching", 0.0, 0.5)
+    ...     aside("compiling")
+    searching 0.0
+    compiling 0.0
+    """
+    teller = _teller.get()
+    if teller is not None:
+        teller.aside(_part.get()[0] + sentence)
 
 
 def tick() -> None:

@@ -367,6 +367,7 @@ def test_nothing_but_noise_and_no_excitation(read: Read) -> None:
     assert only(replace(run, force=rng.normal(0.0, 1e-4, 2000)), "noise-only").channel == "force"
     digits = np.where(rng.random(2000) < 0.1, 1e-4, 0.0)
     assert only(replace(run, force=digits), "noise-only").channel == "force"
+    assert only(replace(run, force=np.zeros(2000)), "noise-only").message == "the force reads 0 mN in every row"
     baseline = Run.from_arrays(time=run.time, voltage=np.zeros(2000), current=rng.normal(0.0, 1e-4, 2000))
     assert only(baseline, "no-excitation").channel == "voltage"
 

@@ -115,7 +115,7 @@ def _cells(score: Score) -> list[str]:
     quantity = CHANNELS[score.output]
     percent = f"{significant(score.rmse_percent_of_range, 2)} %" if score.rmse_percent_of_range is not None else "-"
     return [
-        f"{score.fit_percent:.1f} %",
+        score.fit_text,
         read(score.rmse, quantity, digits=3),
         percent,
         read(score.max_error, quantity, digits=3),

@@ -82,6 +82,19 @@ class Score:
             return None
         return float(np.mean(np.abs(self.autocorrelation) > self.autocorrelation_band))
 
+    @property
+    def fit_text(self) -> str:
+        """The fit as a percentage, with one decimal; two where it is nearly perfect.
+
+        Examples
+        --------
+        >>> Score("current", 100, 0, 99.96).fit_text
+        '99.96 %'
+        """
+        if self.fit_percent is None:
+            return ""
+        return f"{self.fit_percent:.{2 if 99.5 <= self.fit_percent < 100.0 else 1}f} %"
+
     def as_dict(self) -> dict[str, float | int | str | None]:
         """The score as ``--json`` prints it."""
         return {

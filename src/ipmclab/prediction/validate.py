@@ -118,7 +118,7 @@ class Validation(Shown):
                     told = f"no score: {one.reason}"
                 else:
                     rmse = f"{quantity.to_display(one.rmse):.3g} {quantity.display_unit}"
-                    told = f"fit {one.fit_percent:.1f} %, RMSE {rmse}"
+                    told = f"fit {one.fit_text}, RMSE {rmse}"
                     if one.inside_band is not None:
                         told += f", {100.0 * one.inside_band:.0f} % of the readings in the 95 % band"
                 lines.append(f"  {run.label}, {name}: {told}" + (" (used in the fit)" if run.used_in_fit else ""))

@@ -54,6 +54,8 @@ def nothing_but_noise(record: Record) -> list[Finding]:
                     message=(
                         f"the {channel.name} holds nothing but noise, {channel.show(channel.noise)}, "
                         f"from {channel.show(channel.low)} to {channel.show(channel.high)}"
+                        if channel.high > channel.low
+                        else f"the {channel.name} reads {channel.show(channel.high)} in every row"
                     ),
                     repair="do not identify from this channel; check that its instrument was connected and in range",
                     values={"noise": channel.noise, "low": channel.low, "high": channel.high},

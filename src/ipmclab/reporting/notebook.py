@@ -89,9 +89,8 @@ def _validation(validation: Validation) -> str:
     rows = []
     for run in validation.runs:
         for name, score in run.scores.items():
-            percent = "" if score.fit_percent is None else f"{score.fit_percent:.1f} %"
             rmse = "" if score.rmse is None else f"{_number(score.rmse, CHANNELS[name])} {CHANNELS[name].display_unit}"
-            rows.append([run.label, name, percent, rmse, "used in the fit" if run.used_in_fit else ""])
+            rows.append([run.label, name, score.fit_text, rmse, "used in the fit" if run.used_in_fit else ""])
     first = validation.runs[0]
     told = f"{first.label}: measured and predicted"
     figure = (

@@ -67,3 +67,18 @@ def test_no_run_is_asked_for_with_what_the_runs_have(lacks: tuple[str, ...], cur
     (direction,) = directions(unknowns, np.array([FRIEND[one] for one in NAMES]), found, found, records, FRIEND)
     assert direction.cures == cures
     assert ("with a known coupling" in direction.sentence) == bool(lacks)
+
+
+@pytest.mark.parametrize(("error", "is_known"), [(0.1, True), (3.0, False)])
+def test_only_a_static_coupling_that_is_known_is_called_known(error: float, is_known: bool) -> None:
+    """Gain and zero are free against each other; d(0) has an error of its own."""
+    names = ("coupling.gain", "coupling.zero", "coupling.p2")
+    strip = FRIEND.replace(**{"coupling.zero": 1.0})
+    unknowns = [actuator_unknown(PARAMETERS[one], None) for one in names]
+    against, together = np.array([1.0, -1.0, 0.0]), np.array([1.0, 1.0, 0.0])
+    known = 4.0 * np.outer(against, against) + 0.25 * error**2 * np.outer(together, together) + np.diag([0, 0, 1e-6])
+    found = Uncertainty(known, known.diagonal(), known, np.zeros((0, 3)), np.ones(3), {}, (), np.full(3, 100.0))
+    records = [prepare(simulate(FRIEND, "step 1 V", duration=2.0, rate=20.0), 0, ["force"], ())]
+    told = directions(unknowns, np.array([strip[one] for one in names]), found, found, records, strip)
+    assert any("only d(0) = K_d Z_d/P_2d" in one.sentence for one in told) == is_known
+    assert {name for one in told for name, part in one.coefficients.items() if abs(part) > 0.1} == set(names[:2])

@@ -190,13 +190,13 @@ def _sentence(coefficients: Mapping[str, float], error: float, records: Sequence
     rest = [name for name in moved if name not in large]
     also = f" (and, less, {', '.join(rest)})" if rest and np.isinf(error) else ""
     if len(large) == 1 and not also:
-        what = f"{listed} is not determined"
+        what, it = f"{listed} is not determined", "it"
     else:
-        what = f"{listed}{also} can move together without changing what was read"
+        what, it = f"{listed}{also} can move together without changing what was read", "the combination"
     if error < HARDLY:
-        what += f": the combination is known to a factor of {np.exp(error):.3g} only"
+        what += f": {it} is known to a factor of {np.exp(error):.3g} only"
     elif np.isfinite(error):
-        what += ": the combination is hardly known at all"
+        what += f": {it} is hardly known at all"
     own = {"" if (kind := kind_of(name)) is None else kind.to_determine for name in large}
     if len(own) == 1 and (cure := own.pop()):
         return f"{what}; {cure}"
@@ -251,7 +251,7 @@ def _gain_against_zero(
     if zero > nyquist:
         why = f"the zero at {zero:.4g} 1/s lies beyond the Nyquist rate of these runs, {nyquist:.4g} 1/s"
         rate = 3.0 * min(zero, 10.0 * nyquist) / np.pi
-    elif errors[names.index("coupling.zero")] > DETERMINED:
+    elif errors[names.index("coupling.zero")] > DETERMINED and _error_of_static(names, found) <= DETERMINED:
         why = f"the zero does not show in these runs, whose Nyquist rate is {nyquist:.4g} 1/s"
         rate = 3.0 * nyquist / np.pi
     else:
@@ -267,17 +267,26 @@ def _gain_against_zero(
 
 def _static(names: Sequence[str], values: Mapping[str, float], found: Uncertainty, exact: Sequence[str]) -> str:
     """d(0) in numbers, where all of it is free and nothing else can move it, and on what that error leans."""
-    signs = {"coupling.gain": 1.0, "coupling.zero": 1.0, "coupling.p2": -1.0}
-    if not set(signs) <= set(names):
+    weights = _static_weights(names)
+    if not weights.any() or np.any(np.abs(found.null @ weights) > MOVED):
         return ""
-    weights = np.array([signs.get(name, 0.0) for name in names])
-    if np.any(np.abs(found.null @ weights) > MOVED):
-        return ""
-    error = float(np.sqrt(max(weights @ found.covariance @ weights, 0.0)))
+    error = _error_of_static(names, found)
     level = values["coupling.gain"] * values["coupling.zero"] / values["coupling.p2"]
     leans = [name for name in exact if abs(float(weights @ found.leverage[name])) > error]
     beside = f", with {' and '.join(leans)} taken as exact" if leans else ""
     return f" = {level:.4g} m/V (standard error {100.0 * error:.2g} %{beside})"
+
+
+def _error_of_static(names: Sequence[str], found: Uncertainty) -> float:
+    """Standard error of the logarithm of d(0), as far as what is free moves it."""
+    weights = _static_weights(names)
+    return float(np.sqrt(np.maximum(weights @ found.covariance @ weights, 0.0)))
+
+
+def _static_weights(names: Sequence[str]) -> FloatArray:
+    """How the logarithm of d(0) follows from those of its parameters; not at all where one of these is not free."""
+    signs = {"coupling.gain": 1.0, "coupling.zero": 1.0, "coupling.p2": -1.0}
+    return np.array([signs.get(name, 0.0) if set(signs) <= set(names) else 0.0 for name in names])
 
 
 def _round_up(rate: float) -> float:

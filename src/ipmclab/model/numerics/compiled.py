@@ -17,11 +17,27 @@ from pathlib import Path
 from typing import Any, Final, TypeVar
 
 import numba
+from numba.core import event
+
+from ipmclab.progress import aside
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
 _one_at_a_time: Final = threading.RLock()
 """The folder is a setting of Numba's, which all threads share."""
+
+
+class _Compiling(event.Listener):
+    """Whoever waits is told that it is the compiler: half a minute that a machine spends once."""
+
+    def on_start(self, event: object) -> None:  # noqa: ARG002
+        aside("compiling the model, once on this machine")
+
+    def on_end(self, event: object) -> None:
+        """Said by the next tick."""
+
+
+event.register("numba:compile", _Compiling())  # type: ignore[no-untyped-call]
 
 _PACKAGE = Path(__file__).resolve().parents[2]
 
