@@ -12,16 +12,18 @@ import numpy as np
 from ipmclab.confidence import NORMAL_95
 from ipmclab.fit.fit import DETERMINED
 from ipmclab.identification.noise.correlate import Correlated
+from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.problem.unknowns import Unknown
 from ipmclab.identification.search.descent import shorter
 from ipmclab.identification.search.valleys import Rival
 from ipmclab.identification.uncertainty.covariance import Uncertainty
 from ipmclab.identification.uncertainty.profile import Walk
-from ipmclab.model.declared import is_curved
+from ipmclab.model.declared import is_curved, is_of_leak
 from ipmclab.run import FloatArray
 
 _CURVED: Final = 0.05  # standard error of a logarithm above which the likelihood's profile is followed
 _BENT: Final = 0.15  # the same for what is no logarithm, as a part of its value
+_COSTLY: Final = 0.7  # and above which, with a leak, each run of which is costly, the interval is open without asking
 _TWO_ERRORS: Final = 2.0 * DETERMINED  # how far apart minima lie that are still the same answer
 _SURE_AT_LIMITS: Final = 0.995  # of the probability, up to each end
 _AT_LIMIT: Final = 1e-3  # of a logarithm: nearer to where the search ends it says no more than that
@@ -86,9 +88,10 @@ def interval_of(
     problem, solution = correlated.problem, correlated.solution
     entry = float(solution.theta[place])
     variance, freedom = float(found.covariance[number, number]), float(found.freedom[number])
-    if unknown.log and is_at_bound(unknown, entry):
+    hopeless = _hopeless(problem)
+    if unknown.log and is_at_bound(unknown, entry) and math.isinf(hopeless):
         return _from_its_bound(correlated, unknown, place, float(stdtrit(freedom, 1.0 - 0.5 * _LEFT_OUT)))
-    if math.isinf(error):
+    if math.isinf(error) or (unknown.log and found.plain[number, number] > hopeless**2):
         return Interval(*open_ends(unknown))
     # An edge that lies just where its rows still allow it (on a row) is no rare case: nearer to 99 % of the others.
     level = _SURE_AT_LIMITS if unknown.log and open_edges else 1.0 - 0.5 * _LEFT_OUT
@@ -111,6 +114,16 @@ def interval_of(
     if not unknown.log or math.isinf(down) or math.isinf(up):
         return Interval(low, high, ends=ends)
     return Interval(low, high, min(walk.crossed(wider) for walk in walks), ends)
+
+
+def _hopeless(problem: Problem) -> float:
+    """The standard error of a logarithm above which an interval is open without asking.
+
+    What a strip with a leak shows whatever its parameters are (d(0), a stiffness, a resonance) is a product of powers
+    of these: its error needs no profile. What is known beforehand ends every profile.
+    """
+    leaks = any(is_of_leak(name) for name in problem.base)
+    return _COSTLY if leaks and all(unknown.beforehand is None for unknown in problem.unknowns) else math.inf
 
 
 def _from_its_bound(correlated: Correlated, unknown: Unknown, place: int, height: float) -> Interval:
