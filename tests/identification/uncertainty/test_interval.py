@@ -167,7 +167,7 @@ def test_an_interval_is_the_shortest_that_its_profile_allows(sign: float) -> Non
     """Where one side falls slowly: shorter than between the ends that leave 2.5 % out each."""
     problem: Any = Gain(1.0, 0.3, sign)
     problem.unknowns = tuple(SimpleNamespace(base=one.base, beforehand=None) for one in Gain.unknowns)
-    problem.responder = None
+    problem.base = {}
     theta = np.array([0.0, 0.0])
     covariance = np.array([[0.09]])
     found = Uncertainty(
