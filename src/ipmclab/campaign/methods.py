@@ -88,13 +88,13 @@ def _facts(campaign: Campaign, events: Sequence[Mapping[str, Any]]) -> Iterator[
     by: dict[str, dict[str, list[str]]] = {}  # of each way: what was measured, and of which samples
     for one in facts:
         by.setdefault(str(one["how"]), {}).setdefault(str(one["name"]), []).append(str(one["sample"]))
-    told = []
+    lines = []
     for how, names in by.items():
         samples = list(dict.fromkeys(sample for each in names.values() for sample in each))
         of = "" if len(samples) == len(campaign.strips) else f" of {_listed(samples)}"
-        told.append(f"{_listed(list(names))}{of} ({how})")
-    if told:
-        yield f"Measured without a run: {'; '.join(told)}."
+        lines.append(f"{_listed(list(names))}{of} ({how})")
+    if lines:
+        yield f"Measured without a run: {'; '.join(lines)}."
 
 
 def _experiments(campaign: Campaign, blocks: Sequence[Block]) -> Iterator[str]:

@@ -194,8 +194,8 @@ def write_repeats(repeated: Sequence[Repeated], path: Path) -> Path:
                 low, high = kind.interval(channel, name) or ("", "")
                 about = [kind.sample, kind.part, kind.condition, kind.label, kind.measured, channel, name]
                 baselines = dict.fromkeys(one.baseline for one in kind.results if channel == "displacement")
-                told = "; ".join(name for name in baselines if name)
-                table.writerow([*about, mean, "" if count < 2 else spread, count, low, high, unit, told])
+                text = "; ".join(name for name in baselines if name)
+                table.writerow([*about, mean, "" if count < 2 else spread, count, low, high, unit, text])
     return path
 
 

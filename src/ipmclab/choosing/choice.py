@@ -134,49 +134,49 @@ class Choice(Shown):
     @property
     def sentences(self) -> tuple[str, ...]:
         """What came of it, in words."""
-        told = []
+        lines = []
         ranked = self.ranked
         against = [(one, self.differences[one.name, self.best]) for one in ranked[1:]]
         alike = [one for one, apart in against if not apart.is_told]
         if alike:
-            told.append(f"These records cannot distinguish {_listed([self.best, *(one.name for one in alike)])}.")
+            lines.append(f"These records cannot distinguish {_listed([self.best, *(one.name for one in alike)])}.")
             reason = (
                 "it has the fewest parameters of these"
                 if any(one.parameters != self[self.preferred].parameters for one in (self[self.best], *alike))
                 else "it predicted best, and none of these has fewer parameters"
             )
-            told.append(f"{self.preferred} is preferred: {reason} ({self[self.preferred].parameters}).")
+            lines.append(f"{self.preferred} is preferred: {reason} ({self[self.preferred].parameters}).")
         elif len(ranked) > 1:
-            told.append(f"{self.best} predicts best, and the records distinguish it from every other model.")
+            lines.append(f"{self.best} predicts best, and the records distinguish it from every other model.")
         else:
-            told.append(f"{self.best} is the only model that could be compared.")
+            lines.append(f"{self.best} is the only model that could be compared.")
         for one, apart in against:
             if apart.is_told:
                 size = f"{abs(apart.value):.3g} nats, standard error {apart.standard_error:.2g}"
-                told.append(f"{one.name} predicts worse than {self.best} (by {size}).")
-        told += [*self._by_criteria(), *self._still_lacking()]
-        told += [
+                lines.append(f"{one.name} predicts worse than {self.best} (by {size}).")
+        lines += [*self._by_criteria(), *self._still_lacking()]
+        lines += [
             f"{one.name}: only {_listed(labels)} shows {stage}, and without it the fit leaves that stage open. So "
             "whole runs cannot judge it: hold out blocks of time (--hold-out blocks)."
             for one in ranked
             if one.name != self.preferred or alike
             for stage, labels in one.shown_in_one.items()
         ]
-        told += [
+        lines += [
             f"{one.name}: nothing of {_listed(one.held)} is free, so that it stays at the values of the actuator, "
             "usual ones where the stage was added by name; free it too (--free), or leave --free out."
             for one in self.candidates
             if one.held
         ]
-        told += [
+        lines += [
             f"The fit of {one.name} did not converge: see what it says of why."
             for one in ranked
             if one.fit is not None and not one.fit.converged
         ]
-        told += [f"{one.name} could not be compared: {one.reason}." for one in self.candidates if one.reason]
+        lines += [f"{one.name} could not be compared: {one.reason}." for one in self.candidates if one.reason]
         if self.unscored:
-            told.append(f"Not every model reads the {_listed(self.unscored)}: that was left out of the comparison.")
-        return tuple(told)
+            lines.append(f"Not every model reads the {_listed(self.unscored)}: that was left out of the comparison.")
+        return tuple(lines)
 
     def _by_criteria(self) -> list[str]:
         """Where AIC or BIC would prefer another model by more than nothing."""

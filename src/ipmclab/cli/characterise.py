@@ -282,8 +282,8 @@ def _finish(campaign: Campaign, planned: CampaignPlan, folder: Path, state: Stat
         print(f"of {len(printed)} published numbers {agree} are met within their tolerance")
         for one in printed:
             if not one.agrees:
-                told = f"{read(one.mean, one.quantity)} against {read(one.number, one.quantity)}"
-                print(f"  outside: figure {one.published.figure}, {one.published.metric}: {told}")
+                text = f"{read(one.mean, one.quantity)} against {read(one.number, one.quantity)}"
+                print(f"  outside: figure {one.published.figure}, {one.published.metric}: {text}")
     for one_model in models:
         print_paragraph(str(one_model))
     print(f"{metrics}\n{repeats}\n{report}")

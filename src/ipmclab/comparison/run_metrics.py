@@ -71,12 +71,12 @@ def _less_drift(metric: Metric, drift: Drift, run: Run, found: tuple[Metric, ...
     """A metric of the run without its drift, told and with what the drift may be wrong by."""
     if metric.channel != "displacement":
         return metric
-    told = (
+    text = (
         f"{metric.definition} Before, a drift of {1e6 * drift.rate:.4g} um/s was taken from the displacement, as the "
         f"baseline {drift.name} has it."
     )
     if metric.name not in (*_DRIFTING, _SHARE_OF_PEAK) or metric.interval is None:
-        return replace(metric, definition=told)
+        return replace(metric, definition=text)
     reach = NORMAL_95 * drift.standard_error * float(run.time[-1] - run.time[0])
     if metric.name == _SHARE_OF_PEAK:
         (peak,) = (abs(one.value) for one in found if (one.channel, one.name) == (metric.channel, "peak_at_first_edge"))
@@ -86,7 +86,7 @@ def _less_drift(metric: Metric, drift: Drift, run: Run, found: tuple[Metric, ...
         metric.value - math.hypot(metric.value - low, reach),
         metric.value + math.hypot(high - metric.value, reach),
     )
-    return replace(metric, interval=interval, definition=told, of_drift=reach)
+    return replace(metric, interval=interval, definition=text, of_drift=reach)
 
 
 def _electrical(run: Run, metrics: tuple[Metric, ...]) -> Iterator[Metric]:

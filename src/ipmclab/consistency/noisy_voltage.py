@@ -159,7 +159,7 @@ def _told(fit: Fit, moved: Mapping[str, float], scatter: float) -> list[Finding]
     worst = names_by_size({name: part for name, part in parts.items() if abs(part) >= _TELL})
     if not worst:
         return []
-    told = ", ".join(
+    text = ", ".join(
         f"{name} by {100.0 * moved[name] / fit.actuator[name]:+.2g} % ({parts[name]:+.1f} standard errors)"
         for name in worst
     )
@@ -169,7 +169,7 @@ def _told(fit: Fit, moved: Mapping[str, float], scatter: float) -> list[Finding]
             "warning",
             f"the recorded voltage scatters by {1e3 * scatter:.2g} mV where it is held, and the current does not "
             f"answer: this is noise of the voltage's own measurement, which the fit takes for voltage that was "
-            f"applied; it moves {told}",
+            f"applied; it moves {text}",
             "give the voltage that was commanded (the signal) in place of the measured one, or average it where it is "
             "held; the fit then has no longer its scatter",
             values={"scatter": scatter, **parts},

@@ -276,26 +276,26 @@ def _of_parameters(fit: Fit) -> str:
     lacks = any(finding.code in _DOUBTS and finding.severity != "info" for finding in fit.findings)
     count = len(fit.parameters)
     if not count:
-        told = "no parameter was free"
+        text = "no parameter was free"
     elif unknown == count:
-        told = "none of its parameters is determined" if count > 1 else "its parameter is not determined"
+        text = "none of its parameters is determined" if count > 1 else "its parameter is not determined"
     elif unknown:
-        told = f"{unknown} of its {count} parameters {'is' if unknown == 1 else 'are'} not determined"
+        text = f"{unknown} of its {count} parameters {'is' if unknown == 1 else 'are'} not determined"
     else:
-        told = (
+        text = (
             "its parameter is determined"
             if count == 1
             else f"{_ALL.get(count, f'all {count}')} parameters are determined"
         )
     if lacks:
-        told += (
+        text += (
             ", and the model lacks something: the values describe this model, not yet the strip"
             if unknown or not count
             else ", but the model lacks something: they describe this model, not yet the strip"
         )
     elif unknown and fit.known:
-        told += ", but the quantities under 'known from these readings' are known"
-    return told
+        text += ", but the quantities under 'known from these readings' are known"
+    return text
 
 
 def _followed(fit: Fit, outputs: Sequence[str]) -> tuple[float | None, str]:
@@ -311,11 +311,11 @@ def _followed(fit: Fit, outputs: Sequence[str]) -> tuple[float | None, str]:
     largest = [max((one for one in each if one[1] == output), key=lambda one: one[2] or -1.0) for output in outputs]
     shown = each if len(each) <= _SHOWN else largest
     most = "at most " if len(each) > len(shown) else ""
-    told = []
+    lines = []
     for output in outputs:
         own = [f"{_size(fit, label, output, percent)} in {label}" for label, of, percent in shown if of == output]
-        told.append(f"{CHANNELS[output].name + ' ' if len(outputs) > 1 else ''}{most}{', '.join(own)}")
-    return worst, f"residual{', relative to the range' if worst is not None else ''}: {'; '.join(told)}"
+        lines.append(f"{CHANNELS[output].name + ' ' if len(outputs) > 1 else ''}{most}{', '.join(own)}")
+    return worst, f"residual{', relative to the range' if worst is not None else ''}: {'; '.join(lines)}"
 
 
 def _residuals(fit: Fit) -> Iterator[tuple[str, str, float | None]]:

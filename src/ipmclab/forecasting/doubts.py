@@ -65,18 +65,18 @@ def undetermined_finding(names: Sequence[str], ratios: Sequence[str]) -> Finding
     if not names:
         return None
     as_they_are = [name for name in names if name not in ratios]
-    told = []
+    lines = []
     if ratios:
-        told.append(f"{_some(ratios)} counted as 0")
+        lines.append(f"{_some(ratios)} counted as 0")
     if as_they_are:
-        told.append(
+        lines.append(
             f"{_some(as_they_are)} stay as they are: the actuator counts by what it missed earlier in this record, but "
             "a change of voltage beyond the origin is answered with them"
         )
     return Finding(
         "model-undetermined",
         "warning",
-        f"the runs of the fit did not determine {len(names)} of its parameters: {'; '.join(told)}",
+        f"the runs of the fit did not determine {len(names)} of its parameters: {'; '.join(lines)}",
         "forecast with a fit of fewer parameters, and hold it against forecast(None, run, ...)",
         values={"undetermined": len(names)},
     )
@@ -100,10 +100,10 @@ def age_finding(time: FloatArray, used: npt.NDArray[np.bool_], horizon: float, c
         return None  # refused elsewhere: there are too few readings
     last, origin = float(time[rows[-1]]), float(time[-1])
     age, period = origin - last, float(np.median(np.diff(time))) if len(time) > 1 else 0.0
-    told = f"the last usable {channel} before the origin {origin:.6g} s was read at {last:.6g} s, {age:.3g} s earlier"
+    text = f"the last usable {channel} before the origin {origin:.6g} s was read at {last:.6g} s, {age:.3g} s earlier"
     if age > max(horizon, _TOO_OLD):
         raise InputError(
-            told,
+            text,
             code="readings-too-old",
             where="origin",
             repair=f"give an origin up to {last + _OLD * horizon:.6g} s; ipmclab check says why no reading was used",
@@ -113,7 +113,7 @@ def age_finding(time: FloatArray, used: npt.NDArray[np.bool_], horizon: float, c
     return Finding(
         "readings-old",
         "warning",
-        f"{told}: the forecast reaches {age + horizon:.3g} s beyond it",
+        f"{text}: the forecast reaches {age + horizon:.3g} s beyond it",
         "give an earlier origin, or read the strip again",
         channel=channel,
         values={"age": age},

@@ -70,8 +70,8 @@ class Forecast(Shown):
                 "nearer earlier in this record. The band says how far off the last value was then."
             )
         parts = sorted(self.weights.items(), key=lambda item: -item[1])
-        told = [f"{_WORDS[name]} ({100.0 * share:.0f} %)" for name, share in parts if share >= 0.005]
-        return f"This forecast is made of {', '.join(told)}."
+        lines = [f"{_WORDS[name]} ({100.0 * share:.0f} %)" for name, share in parts if share >= 0.005]
+        return f"This forecast is made of {', '.join(lines)}."
 
 
 def known_channel(channel: str) -> None:

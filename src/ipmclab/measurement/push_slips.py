@@ -40,12 +40,12 @@ class Apart:
     def slip(self, displacement: Written, force: Written) -> tuple[str, str]:
         """The file and key of the reading, and what is to be said of it, from what stands there."""
         where = f"{(displacement if self.in_displacement else force).where}[{self.place}]"
-        told = (
+        text = (
             f'"{force.texts[self.place]}" at "{displacement.texts[self.place]}", number {self.place + 1} of '
             f"{len(force.texts)}, is far from the line through the others, which has {1e3 * self.expected:.3g} mN "
             "there"
         )
-        return where, told
+        return where, text
 
 
 def apart_in(displacement: FloatArray, force: FloatArray) -> Apart | None:

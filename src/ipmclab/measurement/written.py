@@ -72,8 +72,8 @@ class Written:
         if place is None:
             return None
         others = self._range(k for k in range(len(self.texts)) if k != place)
-        told = f'"{self.texts[place]}", number {place + 1} of {len(self.texts)}, lies apart from the others ({others})'
-        return f"{self.where}[{place}]", told
+        text = f'"{self.texts[place]}", number {place + 1} of {len(self.texts)}, lies apart from the others ({others})'
+        return f"{self.where}[{place}]", text
 
     def _range(self, places: Iterable[int]) -> str:
         ordered = sorted(places, key=lambda place: self.values[place])

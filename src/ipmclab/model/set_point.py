@@ -72,19 +72,19 @@ class SetPoint:
     @property
     def sentence(self) -> str:
         """What it means for whoever wants to hold a set point."""
-        told = f"r = {self.ratio:.4g} of the {self.drive}: {self._held()}"
+        text = f"r = {self.ratio:.4g} of the {self.drive}: {self._held()}"
         unstable = self.right_half_plane
         if len(unstable):
-            told += f"; {_told(unstable)} (non-minimum phase): its inverse grows"
+            text += f"; {_told(unstable)} (non-minimum phase): its inverse grows"
             slow = f"slower than about {0.5 * float(np.min(np.abs(unstable))):.3g} rad/s"
             if self.can_be_held:
-                told += f", and a loop that holds is {slow}"
+                text += f", and a loop that holds is {slow}"
             elif self.kind == "reversal":
-                told += f", and a loop of the opposite sign, which alone could hold, is {slow}"
+                text += f", and a loop of the opposite sign, which alone could hold, is {slow}"
         if self.inverse_start and self.kind != "none":
-            told += "; a step starts in the inverse direction"
-            told += f", for about {self.inverse_for:.2g} s" if math.isfinite(self.inverse_for) else " and stays there"
-        return told
+            text += "; a step starts in the inverse direction"
+            text += f", for about {self.inverse_for:.2g} s" if math.isfinite(self.inverse_for) else " and stays there"
+        return text
 
     def _held(self) -> str:
         if self.kind == "none":

@@ -49,11 +49,11 @@ def add_faults(app: FastAPI) -> None:
         known = HTTPStatus(error.status_code).phrase
         what = error.detail if error.detail != known else ""
         if error.status_code == HTTPStatus.NOT_FOUND:
-            told = [f"There is no page {request.url.path}{f': {what}' if what else '.'}"]
+            lines = [f"There is no page {request.url.path}{f': {what}' if what else '.'}"]
         else:
-            told = [f"{request.url.path} was refused: {what or known.lower()}."]
-        told.append("Nothing was changed. A recording goes on, and STOP and ZERO work.")
-        return HTMLResponse(bare(known, told), error.status_code, dict(error.headers or {}))
+            lines = [f"{request.url.path} was refused: {what or known.lower()}."]
+        lines.append("Nothing was changed. A recording goes on, and STOP and ZERO work.")
+        return HTMLResponse(bare(known, lines), error.status_code, dict(error.headers or {}))
 
     async def failed(request: Request, error: Exception) -> Response:
         """Its traceback is told at the terminal by the server, after this."""

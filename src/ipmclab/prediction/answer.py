@@ -72,24 +72,24 @@ class SureAnswer:
         if some is None:
             return [f"No interval: {self.why_none}."]
         held = _mountings(self.mountings) if self.here else "the next mounting alone"
-        told = [f"The 95 % intervals hold for {held}{f': {self.why_none}' if self.why_none else ''}."]
+        lines = [f"The 95 % intervals hold for {held}{f': {self.why_none}' if self.why_none else ''}."]
         if self.here and self.own and len(self.mountings) > 1:
-            told.append(
+            lines.append(
                 f"Each of them has its own {listed(self.own)}: the answer is that of the average over the runs, "
                 "and the intervals hold what each mounting answers."
             )
-        told += [f"{said[0].upper()}{said[1:]}." for said in self.environment]
+        lines += [f"{said[0].upper()}{said[1:]}." for said in self.environment]
         if some.left_out:
             names = listed(some.left_out)
-            told.append(f"What {names} may change beyond what the runs of the fit show is not in them.")
+            lines.append(f"What {names} may change beyond what the runs of the fit show is not in them.")
         if self.not_read:
             them = "it" if len(self.not_read) == 1 else "them"
-            told.append(f"There is none of {listed(self.not_read)}: the fit did not read {them}.")
+            lines.append(f"There is none of {listed(self.not_read)}: the fit did not read {them}.")
         if self.next_mounting_unknown:
-            told.append(f"{self.next_mounting_unknown[0].upper()}{self.next_mounting_unknown[1:]}.")
+            lines.append(f"{self.next_mounting_unknown[0].upper()}{self.next_mounting_unknown[1:]}.")
         if self.warnings:
-            told.append(f"The fit itself warns ({', '.join(self.warnings)}): the intervals are as good as its model.")
-        return told
+            lines.append(f"The fit itself warns ({', '.join(self.warnings)}): the intervals are as good as its model.")
+        return lines
 
 
 def sure_answer(actuator: Actuator, run: Run, *, named: str = "") -> SureAnswer | None:

@@ -273,15 +273,15 @@ def _stands_out(fit: Fit, runs: Sequence[LeftOut]) -> list[Finding]:
     else:
         output = max(one.standardised, key=lambda name: one.standardised[name])
         why = f"its {output} lies {one.standardised[output]:.3g} standard deviations (rms) from what they predict"
-    told = f"{one.label} does not fit in with the other runs (p < 0.1 %): {why}"
+    text = f"{one.label} does not fit in with the other runs (p < 0.1 %): {why}"
     if len(runs) == 2:
-        told = f"{runs[0].label} and {runs[1].label} do not agree (p < 0.1 %): of {one.label}, {why}; which of them is "
-        told += "out of place two runs cannot show"
+        text = f"{runs[0].label} and {runs[1].label} do not agree (p < 0.1 %): of {one.label}, {why}; which of them is "
+        text += "out of place two runs cannot show"
     return [
         Finding(
             "run-stands-out",
             "warning",
-            told,
+            text,
             "see whether it is of another mounting or another state of the strip; if so, fit it by itself, or name "
             "what differs in per_run or per_mounting; else the model lacks something that the signals show differently",
             values={"p_value": _chance(one), **{f"shift.{name}": shift for name, shift in one.shifts.items()}},

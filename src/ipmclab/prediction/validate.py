@@ -115,13 +115,13 @@ class Validation(Shown):
             for name, one in run.scores.items():
                 quantity = CHANNELS[name]
                 if one.fit_percent is None or one.rmse is None:
-                    told = f"no score: {one.reason}"
+                    text = f"no score: {one.reason}"
                 else:
                     rmse = f"{quantity.to_display(one.rmse):.3g} {quantity.display_unit}"
-                    told = f"fit {one.fit_text}, RMSE {rmse}"
+                    text = f"fit {one.fit_text}, RMSE {rmse}"
                     if one.inside_band is not None:
-                        told += f", {100.0 * one.inside_band:.0f} % of the readings in the 95 % band"
-                lines.append(f"  {run.label}, {name}: {told}" + (" (used in the fit)" if run.used_in_fit else ""))
+                        text += f", {100.0 * one.inside_band:.0f} % of the readings in the 95 % band"
+                lines.append(f"  {run.label}, {name}: {text}" + (" (used in the fit)" if run.used_in_fit else ""))
         return "\n".join(lines)
 
     __repr__ = __str__
@@ -386,14 +386,14 @@ def _told_delay(one: RunValidation) -> Finding:
             repair="keep some rows before the first edge when cutting a record",
         )
     side = "before" if one.delay < 0 else "after"
-    told = f"{start}: the strip was taken to see the voltage {abs(one.delay) * 1e3:.3g} ms {side} its row"
+    text = f"{start}: the strip was taken to see the voltage {abs(one.delay) * 1e3:.3g} ms {side} its row"
     if one.used_in_fit:
-        return Finding("delay-of-the-fit", "info", f"{told}, as in the fit", values={"delay": one.delay})
+        return Finding("delay-of-the-fit", "info", f"{text}, as in the fit", values={"delay": one.delay})
     at_end = abs(one.delay) * one.run.rate > LONGEST_DELAY - 0.1
     return Finding(
         "estimated-delay",
         "warning" if at_end else "info",
-        f"{told}, the delay at which the predicted shape is nearest"
+        f"{text}, the delay at which the predicted shape is nearest"
         + (f"; that is the end of the {LONGEST_DELAY} rows searched" if at_end else ""),
         repair="use a model of this strip, or say how the voltage was held (hold) when importing" if at_end else "",
         values={"delay": one.delay},

@@ -227,7 +227,7 @@ def _until_the_rest(run: Run) -> Run:
 
 def _no_limit(label: str, held: float, limit: float, away: Sequence[float]) -> Finding:
     """The record does not show towards what the current settles."""
-    told = (
+    text = (
         f"its last half settles towards {1e3 * limit:.4g} mA, another part towards {1e3 * away[0]:.4g} mA: something "
         "slower follows"
         if away
@@ -236,7 +236,7 @@ def _no_limit(label: str, held: float, limit: float, away: Sequence[float]) -> F
     return Finding(
         "not-steady",
         "warning",
-        f"{label}: the current still changes {held:.3g} s after the step, and {told}",
+        f"{label}: the current still changes {held:.3g} s after the step, and {text}",
         f"hold the voltage for {max(4.0 * held, 4.0 * _SHORTEST):.2g} s or longer",
         "current",
         values={"held": held},

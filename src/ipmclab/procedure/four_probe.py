@@ -110,11 +110,11 @@ def _no_resistance(probes: FourProbes, zero: Uncertain, found: Uncertain) -> Inp
             where="sheet_resistance.resistance",
             repair="look whether something still joins the contacts, and whether they lie on the strip in their order",
         )
-    told = f"the sheet resistance, {found.said('ohm/sq')}, is not known: {100.0 * share:.0f} % of its variance is the "
+    text = f"the sheet resistance, {found.said('ohm/sq')}, is not known: {100.0 * share:.0f} % of its variance is the "
     if slip is not None:
-        return InputError(f"{told}{source}: {slip[1]}", code="no-sheet-resistance", where=slip[0], repair=REPAIR)
+        return InputError(f"{text}{source}: {slip[1]}", code="no-sheet-resistance", where=slip[0], repair=REPAIR)
     return InputError(
-        f"{told}{source}" + (f": {written.said}" if written is not None else ""),
+        f"{text}{source}" + (f": {written.said}" if written is not None else ""),
         code="no-sheet-resistance",
         where=written.where if written is not None else "sheet_resistance",
         repair=CURES.get(source, "read it again, more often; is every unit right?"),
@@ -127,9 +127,9 @@ def _on_strip(probes: FourProbes, length: Uncertain) -> None:
     outer = inner if probes.outer is None else probes.outer.value
     if inner <= outer <= length.value:
         return
-    told = f"{1e3 * inner:g} mm apart" + ("" if probes.outer is None else f", the outer two {1e3 * outer:g} mm,")
+    text = f"{1e3 * inner:g} mm apart" + ("" if probes.outer is None else f", the outer two {1e3 * outer:g} mm,")
     raise InputError(
-        f"four lines of which the inner two are {told} do not lie on a strip of {1e3 * length.value:g} mm",
+        f"four lines of which the inner two are {text} do not lie on a strip of {1e3 * length.value:g} mm",
         code="out-of-range",
         where="sheet_resistance.spacing" if inner > length.value else "sheet_resistance.outer_spacing",
         repair="give spacing between the inner two lines, outer_spacing between the outer two, both on the strip",

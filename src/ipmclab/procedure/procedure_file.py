@@ -213,8 +213,8 @@ def _check_lengths(lengths: Mapping[str, Uncertain], reader: _Reader) -> None:
         for length in lengths.values():
             for source, written in length.written.items():
                 if (slip := written.slip()) is not None:
-                    told = f"{error.message}; of the readings of the {source} {slip[1]}"
-                    raise InputError(told, code=error.code, where=slip[0], repair=REPAIR) from error
+                    text = f"{error.message}; of the readings of the {source} {slip[1]}"
+                    raise InputError(text, code=error.code, where=slip[0], repair=REPAIR) from error
         raise
 
 

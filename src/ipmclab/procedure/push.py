@@ -47,8 +47,8 @@ def modulus(push: Push, position: Uncertain, known: Mapping[str, Uncertain]) -> 
         raise _no_modulus(slope, slip)
     if slip is not None:
         share = sum(slope.shares.get(source, 0.0) for source in slope.shares if source != CALIBRATION)
-        told = f"{slip[0]}: {slip[1]}: {100.0 * share:.0f} % of the variance of the slope is how far readings lie off"
-        findings = (*findings, Finding("reading-apart", "warning", told, REPAIR))
+        text = f"{slip[0]}: {slip[1]}: {100.0 * share:.0f} % of the variance of the slope is how far readings lie off"
+        findings = (*findings, Finding("reading-apart", "warning", text, REPAIR))
     far = float(np.ptp(push.displacement)) / position.value
     if far > _FAR:
         findings = (
@@ -81,11 +81,11 @@ def modulus(push: Push, position: Uncertain, known: Mapping[str, Uncertain]) -> 
 def _no_modulus(slope: Uncertain, slip: tuple[str, str] | None) -> InputError:
     """Why the slope of a push is no larger than its uncertainty: one reading, or what else is not known."""
     source, share = next(iter(slope.shares.items()))
-    told = f"the slope, {slope.said('N/m')}, is not known: {100.0 * share:.0f} % of its variance is the {source}"
+    text = f"the slope, {slope.said('N/m')}, is not known: {100.0 * share:.0f} % of its variance is the {source}"
     if slip is not None:
-        return InputError(f"{told}: {slip[1]}", code="no-modulus", where=slip[0], repair=REPAIR)
+        return InputError(f"{text}: {slip[1]}", code="no-modulus", where=slip[0], repair=REPAIR)
     return InputError(
-        told,
+        text,
         code="no-modulus",
         where="modulus",
         repair="push farther and read more often, let the force settle at each position; is every unit right?",

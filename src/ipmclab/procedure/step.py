@@ -55,8 +55,8 @@ class Result:
     def because(self) -> str:
         """Where the uncertainty comes from, in parts of the variance."""
         shares = self.amount.shares
-        told = [f"{name} {100.0 * share:.0f} %" for name, share in shares.items() if share >= _WORTH_SAYING]
-        return ", ".join(told)
+        lines = [f"{name} {100.0 * share:.0f} %" for name, share in shares.items() if share >= _WORTH_SAYING]
+        return ", ".join(lines)
 
 
 @dataclass(frozen=True)

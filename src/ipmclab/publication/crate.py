@@ -263,12 +263,12 @@ def _of_sample(sample: Sample) -> dict[str, Any]:
         for name, value in vars(sample).items()
         if name not in ("id", "source", "micrographs") and value is not None
     ]
-    told = "; ".join(f"{name.replace('_', ' ')}: {value}" for name, value in facts)
+    text = "; ".join(f"{name.replace('_', ' ')}: {value}" for name, value in facts)
     entity = {
         "@id": _local("sample", sample.id),
         "@type": "IndividualProduct",
         "name": sample.id,
-        "description": f"A strip. {told} (SI units)" if told else "A strip.",
+        "description": f"A strip. {text} (SI units)" if text else "A strip.",
     }
     return {**entity, "material": sample.membrane} if sample.membrane else entity
 

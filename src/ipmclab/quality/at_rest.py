@@ -44,8 +44,8 @@ def _of_rows(record: Record, current: Channel, stop: int) -> list[Finding]:
         return []
     seconds = float(record.run.time[stop - 1] - record.run.time[0])
     fall = f"from {current.show(begins)} to {current.show(ends)} in {seconds:.3g} s"
-    told = f"before the voltage moves, the current falls {fall}"
-    return [_finding(told, _wait(begins, ends, doubt, 0.8 * seconds), stop)]
+    text = f"before the voltage moves, the current falls {fall}"
+    return [_finding(text, _wait(begins, ends, doubt, 0.8 * seconds), stop)]
 
 
 def _error(readings: FloatArray) -> float:

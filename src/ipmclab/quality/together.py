@@ -97,8 +97,8 @@ def _name(record: Record, place: int) -> str:
     """A run as messages name it: its place, and what it says of its file and mounting."""
     about = record.run.metadata
     mounting = f"mounting {about.mounting_id}" if about.mounting_id else ""
-    told = ", ".join(filter(None, (record.run.name, mounting)))
-    return f"run {place} ({told})" if told else f"run {place}"
+    text = ", ".join(filter(None, (record.run.name, mounting)))
+    return f"run {place} ({text})" if text else f"run {place}"
 
 
 def _start(record: Record) -> int:

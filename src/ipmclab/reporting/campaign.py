@@ -138,15 +138,15 @@ def _sentences(
 ) -> list[str]:
     asked = sum(len(block.runs) for block in blocks)
     kept = sum(one.verdict == "kept" for one in results)
-    told = [f"{kept} of {asked} runs were recorded and passed their checks."]
+    lines = [f"{kept} of {asked} runs were recorded and passed their checks."]
     if flagged:
-        told.append(f"{flagged} {'is' if flagged == 1 else 'are'} flagged and count in no table.")
+        lines.append(f"{flagged} {'is' if flagged == 1 else 'are'} flagged and count in no table.")
     if printed:
         agree = sum(one.agrees for one in printed)
-        told.append(
+        lines.append(
             f"Of {len(printed)} numbers that chapter 5 prints of these runs, {agree} are met within their tolerance."
         )
-    return told
+    return lines
 
 
 def _of_models(models: Sequence[SampleModel]) -> Iterator[str]:

@@ -139,5 +139,5 @@ def _above(value: float | None, values: Sequence[float | None]) -> str:
 def _noise(parts: Sequence[tuple[float, float]]) -> str:
     if not parts:
         return "white"
-    told = [f"{plain(100.0 * size, 2)} % of range for {plain(time, 2)}{NO_BREAK}s" for size, time in parts]
-    return f"white, and {' and '.join(told)}"
+    lines = [f"{plain(100.0 * size, 2)} % of range for {plain(time, 2)}{NO_BREAK}s" for size, time in parts]
+    return f"white, and {' and '.join(lines)}"

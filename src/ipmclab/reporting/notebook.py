@@ -57,9 +57,9 @@ def _actuator(actuator: Actuator) -> str:
         for name, one in parameters.items()
     ]
     run = simulate(actuator, _STEP, duration=_SHOWN_SECONDS, rate=_SHOWN_RATE)
-    told = f"{actuator.name} under {_STEP}"
-    figure = runs_figure([run], [told], [()])
-    return _block(actuator.name, _table(["symbol", "parameter", "value", "unit"], rows), _svg(figure, told))
+    text = f"{actuator.name} under {_STEP}"
+    figure = runs_figure([run], [text], [()])
+    return _block(actuator.name, _table(["symbol", "parameter", "value", "unit"], rows), _svg(figure, text))
 
 
 @html_of.register
@@ -73,14 +73,14 @@ def _fit(fit: Fit) -> str:
     lines = [[one.severity, one.text] for one in answer.findings]
     more = f"<p>{escape(more_in_words(answer.more, IN_PYTHON))}</p>" if answer.more else ""
     step = simulate(fit.actuator, _STEP, duration=_SHOWN_SECONDS, rate=_SHOWN_RATE)
-    told = f"{fit.actuator.name} under {_STEP}, as fitted"
-    figure = runs_figure([step], [told], [()])
+    text = f"{fit.actuator.name} under {_STEP}, as fitted"
+    figure = runs_figure([step], [text], [()])
     table = "" if answer.is_refused else _table(["parameter", "value", "95 % interval", "unit", ""], rows)
     findings = (_table(["severity", "finding"], lines) if lines else "") + more
     return _block(
         f"{fit.actuator.name}, fitted to {len(fit.observations)} run(s)",
         f"{table}<p>{escape(answer.verdict)}</p>{findings}",
-        _svg(figure, told),
+        _svg(figure, text),
     )
 
 
@@ -92,9 +92,9 @@ def _validation(validation: Validation) -> str:
             rmse = "" if score.rmse is None else f"{_number(score.rmse, CHANNELS[name])} {CHANNELS[name].display_unit}"
             rows.append([run.label, name, score.fit_text, rmse, "used in the fit" if run.used_in_fit else ""])
     first = validation.runs[0]
-    told = f"{first.label}: measured and predicted"
+    text = f"{first.label}: measured and predicted"
     figure = (
-        _svg(prediction_figure(first.run, {validation.actuator.name: first.comparisons}), told)
+        _svg(prediction_figure(first.run, {validation.actuator.name: first.comparisons}), text)
         if first.comparisons
         else ""
     )
@@ -134,8 +134,8 @@ def _forecast(forecast: Forecast) -> str:
         curve(panel, forecast.channel, forecast.time, forecast.mean, **series(0))
         name_panel(panel, forecast.channel, quantity)
     table = _table(["time", "from", f"{forecast.channel} ({quantity.display_unit})", "to"], rows)
-    told = f"{forecast.channel} from {forecast.origin:g} s on"
-    return _block(told, f"{table}<p>{escape(forecast.made_of)}</p>", _svg(figure, told))
+    text = f"{forecast.channel} from {forecast.origin:g} s on"
+    return _block(text, f"{table}<p>{escape(forecast.made_of)}</p>", _svg(figure, text))
 
 
 def _number(value: float, quantity: Quantity | None) -> str:

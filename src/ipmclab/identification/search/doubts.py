@@ -58,13 +58,13 @@ def unexplained(
             if residual < _HALF * varies or is_noise or varies == 0.0:
                 continue
             channel = CHANNELS[output]
-            told = [f"{channel.to_display(size):.3g} {channel.display_unit}" for size in (residual, varies)]
+            lines = [f"{channel.to_display(size):.3g} {channel.display_unit}" for size in (residual, varies)]
             found.append(
                 Finding(
                     _NOTHING,
                     "error",
-                    f"{record.label}: the model does not follow the {output}: it leaves {told[0]} (rms) of "
-                    f"readings that vary by {told[1]} about their mean",
+                    f"{record.label}: the model does not follow the {output}: it leaves {lines[0]} (rms) of "
+                    f"readings that vary by {lines[1]} about their mean",
                     "do not use this fit: look at what check says of the run, at what is fixed, and give more rows",
                     channel=output,
                     values={"residual": residual, "varies": varies},

@@ -45,11 +45,11 @@ def _finding(fit: Fit, drive: Drive, names: Sequence[str]) -> Finding:
             channel=drive,
             values=numbers,
         )
-    told = f"{point.sentence}; 95 % interval of r {low:.5g} to {high:.5g}"
+    text = f"{point.sentence}; 95 % interval of r {low:.5g} to {high:.5g}"
     return Finding(
         "set-point",
         "info" if point.can_be_held else "warning",
-        told,
+        text,
         "" if point.can_be_held else f"do not hold a set point of the {drive} by integral action on this strip",
         channel=drive,
         values=numbers,

@@ -105,14 +105,14 @@ def _of_a_zero(problem: Problem, key: tuple[int, str], size: float, where: Float
 
 def _finding(label: str, zero: float, away: Mapping[str, float]) -> Finding:
     channel = CHANNELS["current"]
-    told = [f"{name} by {100.0 * math.expm1(min(away[name], 10.0)):.2g} %" for name in names_by_size(away)]
-    theirs = "more than its standard error" if len(told) == 1 else "more than their standard errors"
+    lines = [f"{name} by {100.0 * math.expm1(min(away[name], 10.0)):.2g} %" for name in names_by_size(away)]
+    theirs = "more than its standard error" if len(lines) == 1 else "more than their standard errors"
     return Finding(
         "zero-not-shown",
         "warning",
         f"{label}: the record begins with the voltage on, so its current was taken to read zero at 0 V. A zero of "
         f"{channel.to_display(zero):.2g} {channel.display_unit}, which the readings do not contradict, would move "
-        f"{listed(told)}, {theirs}",
+        f"{listed(lines)}, {theirs}",
         f"record 5 s at 0 V before the first edge, or free {OFFSET}",
         channel="current",
         values={"zero": zero, **away},

@@ -124,16 +124,16 @@ class _View:
         rows, count = table_rows(self._rows, wanted)
         self._table.show(rows)
         if not self._rows and self._is_looking:
-            told = "Looking for runs…"
+            sentence = "Looking for runs…"
         elif not self._rows:
-            told = "No runs yet: record one under Run, or import a record."
+            sentence = "No runs yet: record one under Run, or import a record."
         else:
-            told = f"{count} of {len(self._rows)} runs"
+            sentence = f"{count} of {len(self._rows)} runs"
             if count > MOST_SHOWN:
-                told += f", the newest {MOST_SHOWN} are shown"
+                sentence += f", the newest {MOST_SHOWN} are shown"
             if self._is_looking:
-                told += "; looking for others…"
-        self._told.set_text(told)
+                sentence += "; looking for others…"
+        self._told.set_text(sentence)
 
     async def _refresh(self) -> None:
         """Let a worker look at the files, then show what the catalogue has."""

@@ -163,7 +163,7 @@ def differences(found: Fingerprint, earlier: Sequence[Fingerprint]) -> list[str]
     >>> differences(Fingerprint(21.0, 5e-3, 0.0, "current", 1e-7), before)
     ['the series resistance is 21 ohm, before it was 16.1 +- 0.81 ohm']
     """
-    told = []
+    lines = []
     scales = {"series_resistance": ("ohm", 1.0), "capacitance": ("mF", 1e3)}
     if len(earlier) >= LEAST_EARLIER:
         for name, (unit, factor) in scales.items():
@@ -172,7 +172,7 @@ def differences(found: Fingerprint, earlier: Sequence[Fingerprint]) -> list[str]
             allowed = max(SCATTER * deviation, _LEAST_RELATIVE_SCATTER * abs(usual))
             value = getattr(found, name)
             if abs(value - usual) > allowed:
-                told.append(
+                lines.append(
                     f"the {name.replace('_', ' ')} is {value * factor:.3g} {unit}, "
                     f"before it was {usual * factor:.3g} +- {allowed * factor:.2g} {unit}"
                 )
@@ -185,11 +185,11 @@ def differences(found: Fingerprint, earlier: Sequence[Fingerprint]) -> list[str]
         if abs(found.drift - usual) > allowed:
             quantity = CHANNELS[found.drift_of]
             shown = [quantity.to_display(number) for number in (found.drift, usual, allowed)]
-            told.append(
+            lines.append(
                 f"the {quantity.name} drifts by {shown[0]:.2g} {quantity.display_unit}/s at rest, "
                 f"before it was {shown[1]:.2g} +- {shown[2]:.2g} {quantity.display_unit}/s"
             )
-    return told
+    return lines
 
 
 def _usual(values: FloatArray) -> tuple[float, float]:

@@ -197,14 +197,14 @@ class Session:
 
     def _leave_open(self, step: PlannedStep) -> None:
         """Nobody says whether a step was done: what would follow from it is not known, and the run says so."""
-        told = f"nobody said whether this was done: {step.name}"
+        text = f"nobody said whether this was done: {step.name}"
         if step.name == "clamp":
             self._tares = ()
             if self._experiment.mounting_id is None:
                 self._mounting = None
-                told += "; the run belongs to no known mounting"
-        self._remarks.append(told)
-        self.note(told)
+                text += "; the run belongs to no known mounting"
+        self._remarks.append(text)
+        self.note(text)
 
     def _act(self, step: PlannedStep, answer: str) -> None:
         """What a step does once its question is answered."""

@@ -112,9 +112,9 @@ class Guess:
             + "\n"
             for question in self.questions
         )
-        told = "".join(f"# {line}\n" for line in (*self.taken, *self.left_out))
+        text = "".join(f"# {line}\n" for line in (*self.taken, *self.left_out))
         head = f"# {title}: what was found in it. Correct here what is wrong.\n#\n"
-        return f"{head}{told}{asked}\n{tomli_w.dumps(self.table)}"
+        return f"{head}{text}{asked}\n{tomli_w.dumps(self.table)}"
 
 
 def guess_map(path: str | os.PathLike[str], answers: Mapping[str, str] | None = None) -> Guess:
