@@ -33,7 +33,7 @@ from ipmclab.identification.problem.record import prepare
 from ipmclab.identification.search.descent import minimum_near
 from ipmclab.identification.search.pose import entries_at, problem_at
 from ipmclab.identification.search.starts.start import StartingPoint
-from ipmclab.identification.search.weights import found_noise
+from ipmclab.identification.search.descent import found_noise
 from ipmclab.identification.solved import Estimate
 from ipmclab.model import Actuator, with_stages
 from ipmclab.model.environment import Environment

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import replace
 from functools import partial
 
@@ -11,7 +11,6 @@ import numpy.typing as npt
 
 from ipmclab.confidence import NORMAL_95
 from ipmclab.identification.noise.correlate import Correlated, with_noise
-from ipmclab.identification.noise.under_noise import at_rest_after_all
 from ipmclab.identification.noise.unseen import Unseen, without_unseen
 from ipmclab.identification.noise.weighting import weighted
 from ipmclab.identification.problem.free import FreeParameters
@@ -34,7 +33,7 @@ from ipmclab.identification.search.doublet import has_doublet
 from ipmclab.identification.search.doubts import impossible_current
 from ipmclab.identification.search.lowest import find_minima
 from ipmclab.identification.search.pose import need_as_many_readings, without_leak
-from ipmclab.identification.search.rest import not_at_rest
+from ipmclab.identification.search.rest import could_be_zero, not_at_rest
 from ipmclab.identification.search.solve import Solution, entry_errors, null_directions
 from ipmclab.identification.search.starts.usual import usual_coupling
 from ipmclab.identification.search.valleys import Minima, Rival
@@ -61,7 +60,7 @@ def estimate(actuator: Actuator, names: FreeParameters, records: Sequence[Prepar
     stage("finding the noise in what the fit leaves", 0.5, 0.7, 1000)
     noisy = partial(_noisy, names=names, ends=minima.ends)
     under, other = noisy(problem, solution)
-    resting = at_rest_after_all(under, given_up)
+    resting = _at_rest_after_all(under, given_up)
     if resting:
         places = set(resting)
         starts = {c for c, unknown in enumerate(problem.unknowns) if unknown.is_start and unknown.place in places}
@@ -127,6 +126,26 @@ def _least_squares(
             along = allowed_places(problem, solution, along_valleys(actuator, names, problem, solution))
         minima = replace(minima, rivals=rivals, along=along)
     return problem, solution, minima, given_up
+
+
+def _at_rest_after_all(under: Correlated, places: Set[int]) -> dict[int, list[int]]:
+    """Runs whose start differs from rest by no more than their noise does, and the entries of their start.
+
+    White noise is what the first fit takes for granted. Under autocorrelated noise it contradicts rest far more often
+    than its tests say.
+    """
+    if not under.shapes:
+        return {}
+    found: dict[int, list[int]] = {}
+    for place in places:
+        there = [
+            column
+            for column, unknown in enumerate(under.problem.unknowns)
+            if unknown.is_start and unknown.place == place
+        ]
+        if there and could_be_zero(under.solution, there, under.spread_of_all):
+            found[place] = there
+    return found
 
 
 def _noisy(

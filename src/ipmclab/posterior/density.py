@@ -12,13 +12,13 @@ import numpy.typing as npt
 
 from ipmclab.identification.noise.pieces import Key
 from ipmclab.identification.noise.whitening import CorrelatedProblem
-from ipmclab.identification.problem.many import in_reference, residuals
 from ipmclab.identification.problem.order import Order
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.problem.unknowns import Unknown, actuator_unknown, known_together
 from ipmclab.identification.solved import Estimate
 from ipmclab.model.parameters import Parameter
 from ipmclab.posterior.coordinates import WIDEST, Straight, coordinates
+from ipmclab.posterior.many import in_reference, residuals
 from ipmclab.statespace.columns import constants, steps_between, whitened
 from ipmclab.statespace.terms import Terms, state_space
 

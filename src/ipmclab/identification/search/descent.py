@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final
@@ -17,6 +18,7 @@ from ipmclab.identification.search.solve import (
     Shifted,
     Solution,
     descend,
+    known_beforehand,
     minimise,
     polish,
     settle,
@@ -24,7 +26,6 @@ from ipmclab.identification.search.solve import (
     settled_to,
 )
 from ipmclab.identification.search.valleys import NEAR
-from ipmclab.identification.search.weights import found_noise
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -179,3 +180,18 @@ def weigh(problem: Problem, solution: Solution) -> tuple[Problem, Solution]:
             replace(solution, evaluation=problem.weighed(solution.theta, solution.evaluation, noise)),
         )
     return problem, solution
+
+
+def found_noise(problem: Problem, solution: Solution) -> dict[tuple[int, str], float]:
+    """Standard deviation of the residuals of each run and output, for the parameters that they had to feed."""
+    pieces = problem.pieces
+    total = sum(piece.stop - piece.start for piece in pieces.values())
+    fed = len(problem.unknowns) - known_beforehand(solution.evaluation)
+    freedom = max(total - fed, 1.0) / total
+    noise = {}
+    for key, piece in pieces.items():
+        residual = solution.evaluation.residual[piece]
+        active = max(int(np.count_nonzero(residual)), 1)  # a bound that holds says nothing about noise
+        sigma = problem.noise[key] * math.sqrt(float(residual @ residual) / (active * freedom))
+        noise[key] = max(sigma, problem.floors[key])
+    return noise

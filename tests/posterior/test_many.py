@@ -13,12 +13,12 @@ from hypothesis import strategies as st
 
 from ipmclab import Run, load_actuator, simulate
 from ipmclab.identification.problem.free import Prior, parse_free
-from ipmclab.identification.problem.many import residuals
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.problem.record import PreparedRun, Reading, prepare
 from ipmclab.identification.search.pose import entries_at, problem_at
 from ipmclab.identification.search.starts.start import StartingPoint
 from ipmclab.model import Actuator
+from ipmclab.posterior.many import residuals
 
 FRIEND = load_actuator("friend-2")
 WITH_LEAK = load_actuator("friend-1-measured")
