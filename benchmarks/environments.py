@@ -30,10 +30,9 @@ from ipmclab.identification.environment.state_of_run import with_states
 from ipmclab.identification.noise.correlate import Correlated
 from ipmclab.identification.problem.free import parse_free
 from ipmclab.identification.problem.record import prepare
-from ipmclab.identification.search.descent import minimum_near
+from ipmclab.identification.search.descent import found_noise, minimum_near
 from ipmclab.identification.search.pose import entries_at, problem_at
 from ipmclab.identification.search.starts.start import StartingPoint
-from ipmclab.identification.search.descent import found_noise
 from ipmclab.identification.solved import Estimate
 from ipmclab.model import Actuator, with_stages
 from ipmclab.model.environment import Environment

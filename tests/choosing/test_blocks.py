@@ -44,18 +44,33 @@ def test_the_transient_has_blocks_of_its_own() -> None:
     assert 10 <= sum(edge <= 25 for edge in edges) <= 14
 
 
-def still(rows: int, place: int = 0, **channels: np.ndarray) -> PreparedRun:
-    """A record in which nothing but noise moves."""
+def still(rows: int, place: int = 0, step: int | None = None, **channels: np.ndarray) -> PreparedRun:
+    """A record in which nothing but noise moves; the voltage at one row, where that is given."""
     noise = 1e-4 * np.random.default_rng(SEED).uniform(-1.0, 1.0, rows)  # never a step of four deviations
-    run = Run.from_arrays(time=0.02 * np.arange(rows), voltage=np.ones(rows), **(channels or {"current": noise}))
+    voltage = np.zeros(rows) if step is None else np.where(np.arange(rows) < step, 0.0, 1.0)
+    run = Run.from_arrays(time=0.02 * np.arange(rows), voltage=voltage, **(channels or {"current": noise}))
     return prepare(run, place, list(channels) or ["current"], [])
 
 
 def test_one_jump_is_one_event_and_leaves_the_transient_after_it_its_blocks() -> None:
     time = 0.02 * np.arange(1000)
     after = np.where(time < 2.0, 0.0, 1.0 + 0.06 * np.exp(-(time - 2.0) / 0.1))
-    edges = boundaries(still(1000, current=after + 1e-4 * np.random.default_rng(SEED).standard_normal(1000)), 24)
+    edges = boundaries(
+        still(1000, step=100, current=after + 1e-4 * np.random.default_rng(SEED).standard_normal(1000)), 24
+    )
     assert sum(101 < edge <= 125 for edge in edges) >= 6
+
+
+def test_each_octave_of_time_since_an_edge_has_as_many_blocks() -> None:
+    """A voltage that steps at row 100, a current of noise alone: half by rows, half by their logarithm."""
+    edges = np.array(boundaries(still(1100, step=100), 40))
+    after = edges[edges > 100] - 100
+    within = [int(np.count_nonzero((after > 10.0**k) & (after <= 10.0 ** (k + 1)))) for k in range(3)]
+    # Of the twenty blocks by logarithm a decade has about a third, of the twenty by rows its part of them.
+    whole = np.cumsum(1.0 / np.arange(1, 1001))
+    for k, count in enumerate(within):
+        of_time = whole[10 ** (k + 1) - 1] - whole[10**k - 1]
+        assert count == pytest.approx(20 * of_time / whole[-1] + 20 * 9 * 10**k / 1100, abs=1.5)
 
 
 def test_a_row_counts_where_any_output_has_a_reading() -> None:

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.identification.problem.record import PreparedRun
+from ipmclab.quality.record import Record
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -62,10 +63,12 @@ def run_blocks(records: Sequence[PreparedRun], count: int, folds: int) -> list[B
 
 
 def boundaries(record: PreparedRun, count: int) -> list[int]:
-    """Edges of at most ``count`` blocks that hold equal parts of the readings and of their movement.
+    """Edges of at most ``count`` blocks that hold equal parts of the readings, their movement and their settling.
 
-    Half a block's share is the number of its usable readings, half how far they move from row to row beyond
-    their noise: a transient that says most about a model is not all in one block.
+    A block's share is the mean of three: the number of its usable readings; how far they move from row to row beyond
+    their noise; and the logarithm of the time since the last edge of the voltage. An answer to an edge is a sum of
+    exponentials whose time constants may lie anywhere from a row to the whole record: each octave of time says as much
+    of it. A block with all of the first seconds would leave nothing from which a fit could know the fast ones.
 
     Returns
     -------
@@ -74,19 +77,8 @@ def boundaries(record: PreparedRun, count: int) -> list[int]:
     """
     rows = len(record.run)
     used = np.any([reading.exact for reading in record.readings.values()], axis=0)
-    share = used / max(int(np.count_nonzero(used)), 1)
-    movements = []
-    for reading in record.readings.values():
-        moved = np.zeros(rows)
-        places = np.flatnonzero(reading.exact)
-        steps = np.abs(np.diff(reading.values[places])) - _SURELY * reading.noise
-        moved[places[1:]] = np.maximum(steps, 0.0)
-        if moved.any():
-            # One jump is one event, however high: it must not take the movement of a whole record.
-            moved = np.minimum(moved, moved.sum() / count)
-            movements.append(moved / moved.sum())
-    weight = 0.5 * share + 0.5 * np.mean(movements, axis=0) if movements else share
-    reached = np.cumsum(weight)
+    shares = [used.astype(np.float64), _movement(record, count), _settling(record, used)]
+    reached = np.cumsum(np.mean([one / one.sum() for one in shares if one.any()], axis=0))
     inner = np.searchsorted(reached, reached[-1] * np.arange(1, count) / count) + 1
     edges = [0]
     held = np.concatenate([[0], np.cumsum(used)])
@@ -94,3 +86,26 @@ def boundaries(record: PreparedRun, count: int) -> list[int]:
         if held[edge] > held[edges[-1]] and held[-1] > held[edge]:
             edges.append(int(edge))
     return [*edges, rows]
+
+
+def _movement(record: PreparedRun, count: int) -> FloatArray:
+    """How far the readings move from row to row beyond their noise; each output counts alike."""
+    moved = np.zeros(len(record.run))
+    for reading in record.readings.values():
+        own = np.zeros(len(moved))
+        places = np.flatnonzero(reading.exact)
+        steps = np.abs(np.diff(reading.values[places])) - _SURELY * reading.noise
+        own[places[1:]] = np.maximum(steps, 0.0)
+        if own.any():
+            # One jump is one event, however high: it must not take the movement of a whole record.
+            own = np.minimum(own, own.sum() / count)
+            moved += own / own.sum()
+    return moved
+
+
+def _settling(record: PreparedRun, used: npt.NDArray[np.bool_]) -> FloatArray:
+    """By how much each usable row lengthens the logarithm of the time since the last edge."""
+    grown = np.zeros(len(used))
+    for start, stop in pairwise([*Record.of(record.run).edges.tolist(), len(used)]):
+        grown[start:stop] = 1.0 / np.arange(1, stop - start + 1)
+    return grown * used
