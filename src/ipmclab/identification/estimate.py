@@ -30,7 +30,7 @@ from ipmclab.identification.search.assumed import (
 )
 from ipmclab.identification.search.descent import SHORTLY, minimum, minimum_beside, settled_nearest, to_the_end, weigh
 from ipmclab.identification.search.doublet import has_doublet
-from ipmclab.identification.search.doubts import impossible_current
+from ipmclab.identification.search.doubts import contradicted_currents
 from ipmclab.identification.search.lowest import find_minima
 from ipmclab.identification.search.pose import need_as_many_readings, without_leak
 from ipmclab.identification.search.rest import could_be_zero, not_at_rest
@@ -84,7 +84,7 @@ def estimate(actuator: Actuator, names: FreeParameters, records: Sequence[Prepar
     problem, solution = under.problem, under.solution
     offsets = [unknown for unknown in problem.unknowns if unknown.base.startswith("observation.offset.")]
     findings += [zero_kept(problem, unknown) for unknown in offsets if is_assumed_zero(unknown, names)]
-    findings += [found for record in problem.records if (found := impossible_current(problem, solution, record))]
+    findings += [found for record in problem.records for found in contradicted_currents(problem, solution, record)]
     findings += unshown_zeros(problem, solution)
     if under.shapes:
         # Under their noise the readings tell fewer minima apart: all of them are asked again.

@@ -110,8 +110,8 @@ def quantities_of(
     highest : float [Hz]
         Up to which a bandwidth is sought.
     longest : float [s]
-        How long readings last: the dc resistance and the charge, which show when all time constants have passed, are
-        given where none of these is longer.
+        How long readings last. A longer time constant is not given; where there is one, neither are the dc resistance
+        and the charge, which show when all of them have passed.
 
     Returns
     -------
@@ -190,7 +190,7 @@ def _of_circuits(circuit: Block, count: int, longest: float) -> list[dict[str, f
                 if conductance[k] > _ROUNDING * d[k]:
                     own["circuit.dc_resistance"] = float(1.0 / conductance[k])
                 own["circuit.capacitance"] = float(capacitance[k])
-            own |= {f"circuit.time_constants.{number}": lag for number, lag in enumerate(lags)}
+            own |= {f"circuit.time_constants.{number}": lag for number, lag in enumerate(lags) if lag <= longest}
         found.append(own)
     return found
 

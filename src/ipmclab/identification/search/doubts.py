@@ -24,6 +24,7 @@ FloatArray = npt.NDArray[np.float64]
 _NOTHING: Final = "model-explains-nothing"
 _HALF: Final = 0.5  # of what the readings vary
 _NOISE: Final = 1.3  # times the noise between neighbours: what is left is noise
+_SURELY: Final = 6.0  # times the noise between neighbours: no reading of many lies so far off by chance
 _ENOUGH: Final = 50  # readings from which the noise between neighbours is known
 
 
@@ -105,7 +106,51 @@ def motion_of_another_coupling(
     ]
 
 
-def impossible_current(problem: Problem, solution: Solution, record: PreparedRun) -> Finding | None:
+def largest_current(record: PreparedRun) -> float:
+    """The largest reading of the current, beyond its noise [A]; 0 where there is none."""
+    reading = record.readings.get("current")
+    if reading is None or not len(reading.measured):
+        return 0.0
+    return max(float(np.abs(reading.measured).max()) - _SURELY * reading.noise, 0.0)
+
+
+def largest_swing(voltage: FloatArray) -> float:
+    """The largest change of a voltage that begins at 0 [V]: over a resistance the most that a passive circuit draws."""
+    return max(float(voltage.max()), 0.0) - min(float(voltage.min()), 0.0)
+
+
+def contradicted_currents(problem: Problem, solution: Solution, record: PreparedRun) -> list[Finding]:
+    """A current that the resistances of the model do not allow."""
+    impossible = _impossible(problem, solution, record)
+    missed = _inrush_missed(problem, solution, record) if impossible is None else impossible
+    return [] if missed is None else [missed]
+
+
+def _inrush_missed(problem: Problem, solution: Solution, record: PreparedRun) -> Finding | None:
+    """A current of which the fitted circuit does not allow half, whatever the voltage did before."""
+    values = problem.values(solution.theta, record.place)
+    structure = Structure.of(values)
+    if not structure.is_lumped:
+        return None
+    block = structure.electrical.block(values)
+    conductance = float(block.d[block.outputs.index("current"), block.inputs.index("voltage")])
+    most = largest_swing(record.run.voltage) * conductance / (1.0 + record.series_resistance * conductance)
+    read = largest_current(record)
+    if read <= most / _HALF:
+        return None
+    return Finding(
+        "inrush-missed",
+        "warning",
+        f"{record.label}: the current reaches {1e3 * read:.4g} mA, and the fitted circuit draws {1e3 * most:.4g} mA at "
+        "most: it does not follow the first moments after an edge",
+        "fit the circuit to the current alone (--free electrical), then the rest with the circuit fixed; or give the "
+        "circuit another branch",
+        channel="current",
+        values={"current": read, "largest": most},
+    )
+
+
+def _impossible(problem: Problem, solution: Solution, record: PreparedRun) -> Finding | None:
     """A current that not even a short circuit behind the electrodes could draw."""
     reading = record.readings.get("current")
     if reading is None or not len(reading.measured):
@@ -115,11 +160,10 @@ def impossible_current(problem: Problem, solution: Solution, record: PreparedRun
     if not replace(structure, leak="").is_lumped:
         return None
     series = lumped(structure.branches, values, record.series_resistance).series
-    voltage = record.run.voltage
-    most = (max(float(voltage.max()), 0.0) - min(float(voltage.min()), 0.0)) / series if series else np.inf
+    most = largest_swing(record.run.voltage) / series if series else np.inf
     noise = problem.noise[record.place, "current"]
     seen = float(np.abs(reading.measured).max())
-    if seen <= 1.02 * most or seen <= most + 6.0 * reading.noise or noise <= 0.0:
+    if seen <= 1.02 * most or seen <= most + _SURELY * reading.noise or noise <= 0.0:
         return None
     return Finding(
         "impossible-current",

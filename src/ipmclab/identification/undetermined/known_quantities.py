@@ -20,6 +20,7 @@ from ipmclab.fit.fit import DETERMINED
 from ipmclab.fit.known import Known
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.problem.record import PreparedRun
+from ipmclab.identification.search.doubts import largest_current, largest_swing
 from ipmclab.identification.search.valleys import Rival
 from ipmclab.identification.uncertainty.covariance import MOVED, Uncertainty
 from ipmclab.model import Actuator
@@ -29,6 +30,7 @@ from ipmclab.ties import largest_first
 
 _STEP: Final = 1e-4  # of an entry, for a derivative: entries are logarithms, or of order one
 _FELT: Final = 1e-6  # part of a quantity that moves with an entry: less is rounding
+_FASTEST: Final = "circuit.high_frequency_resistance"
 _SAME: Final = 1e-9  # part of a value, in which runs agree but for rounding
 
 
@@ -106,9 +108,14 @@ def _of_run(actuator: Actuator, points: Sequence[Point], record: PreparedRun) ->
             continue
         low = min(other[name].interval[0] for other in each)
         high = max(other[name].interval[1] for other in each)
-        if _is_narrow(name, one.value, low, high):
+        if _is_narrow(name, one.value, low, high) and not (name == _FASTEST and _peak_contradicts(record, low)):
             known.append(replace(one, interval=(low, high)))
     return known
+
+
+def _peak_contradicts(record: PreparedRun, resistance: float) -> bool:
+    """Whether more current was read than a circuit can draw whose high-frequency resistance is so high [ohm]."""
+    return largest_current(record) > largest_swing(record.run.voltage) / resistance
 
 
 def _is_narrow(name: str, value: float, low: float, high: float) -> bool:
