@@ -1,16 +1,16 @@
-"""Compiled functions where nothing can be kept on the disk."""
+"""Where compiled functions are kept on the disk, and what is done where nothing can be kept."""
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 
 from ipmclab.model.numerics.compiled import cache_folder, kernel
 
 PROGRAM = """
-import numba.core.caching
-numba.core.caching.CacheImpl._locator_classes = []  # what is left of them on a read-only system
 from ipmclab.model.numerics.compiled import kernel
 
 @kernel
@@ -22,8 +22,36 @@ assert twice.nopython_signatures
 """
 
 
-def test_a_kernel_is_compiled_where_no_folder_can_hold_it() -> None:
-    subprocess.run([sys.executable, "-c", PROGRAM], check=True, timeout=300)
+def test_a_kernel_is_compiled_where_no_folder_can_hold_it(tmp_path: Path) -> None:
+    nowhere = tmp_path / "a file"
+    nowhere.write_text("", encoding="utf-8")
+    environment = {**os.environ, "IPMCLAB_CACHE": str(nowhere)}
+    subprocess.run([sys.executable, "-c", PROGRAM], check=True, timeout=300, env=environment)
+    assert nowhere.is_file()
+
+
+ANOTHER = "import sums; print(sums.added(1.0), sum(sums.added.stats.cache_hits.values()))"
+
+SUMS = """
+from ipmclab.model.numerics.compiled import kernel
+
+@kernel
+def added(x):
+    return x + {step}
+"""
+
+
+def test_another_installation_compiles_only_what_is_not_the_same(tmp_path: Path) -> None:
+    told = []
+    for folder, step in (("first", "1.0"), ("second", "1.0"), ("third", "2.0")):
+        file = tmp_path / folder / "sums.py"
+        file.parent.mkdir()
+        file.write_text(SUMS.format(step=step), encoding="utf-8")
+        environment = {**os.environ, "IPMCLAB_CACHE": str(tmp_path / "cache"), "PYTHONPATH": str(file.parent)}
+        words = [sys.executable, "-c", ANOTHER]
+        done = subprocess.run(words, check=True, timeout=300, env=environment, capture_output=True, text=True)
+        told.append(done.stdout.split())
+    assert told == [["2.0", "0"], ["2.0", "1"], ["3.0", "0"]]
 
 
 def test_threads_that_compile_at_once_all_keep_their_code_where_it_belongs() -> None:

@@ -2,7 +2,8 @@
 
 Numba's cache does not notice when a kernel that another kernel calls has changed in a
 different module. Every kernel is therefore compiled through ``kernel``, whose cache
-folder is named by a hash of all kernel sources: any change starts a fresh cache.
+folder is named by a hash of all kernel sources: any change starts a fresh cache. Inside
+it, kernels stand by the names of their modules: every installation has the same ones.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from __future__ import annotations
 import hashlib
 import os
 import sys
+import tempfile
 import threading
 from collections.abc import Callable
 from functools import cache
@@ -62,6 +64,52 @@ def cache_folder() -> Path:
     return _user_cache() / f"kernels-{digest.hexdigest()[:16]}"
 
 
+class ByModule:
+    """Where Numba keeps a kernel (its protocol of a cache locator): in a folder with the name of its module.
+
+    Numba itself names the folder by where the module lies: a second installation would compile everything again.
+    """
+
+    def __init__(self, function: Callable[..., Any], file: str) -> None:
+        config: Any = numba.config
+        self._py_file = file
+        self._folder = Path(config.CACHE_DIR, function.__module__)
+        self._line = function.__code__.co_firstlineno
+
+    @classmethod
+    def from_function(cls, function: Callable[..., Any], file: str) -> ByModule | None:
+        """The place of a function, or None where nothing can be kept."""
+        found = cls(function, file)
+        try:
+            found.ensure_cache_path()
+            found.get_source_stamp()
+        except OSError:  # no folder that can be written to, or no file of its source
+            return None
+        return found
+
+    def get_cache_path(self) -> str:
+        """The folder."""
+        return str(self._folder)
+
+    def ensure_cache_path(self) -> None:
+        """Make the folder, and see that it can be written to."""
+        self._folder.mkdir(parents=True, exist_ok=True)
+        tempfile.TemporaryFile(dir=self._folder).close()
+
+    def get_source_stamp(self) -> bytes:
+        """A hash of the source file: kernels of others, outside the package, are not in the name of the cache."""
+        return _hash_of(self._py_file)
+
+    def get_disambiguator(self) -> str:
+        """What tells functions of one name in one module apart."""
+        return str(self._line)
+
+
+@cache
+def _hash_of(file: str) -> bytes:
+    return hashlib.sha256(Path(file).read_bytes()).digest()
+
+
 def kernel(function: _Function) -> _Function:
     """Compile a function of a ``kernels.py`` module, now or from the cache; each time where none can be kept.
 
@@ -72,14 +120,15 @@ def kernel(function: _Function) -> _Function:
     # Without the last, Numba makes a part of whatever a part calls.
     options: Any = {"error_model": "numpy", "nogil": True, "forceinline": False}
     with _one_at_a_time:
-        before = config.CACHE_DIR
+        # An older Numba knows no locators but its own: there each installation has a folder.
+        before = config.CACHE_DIR, getattr(config, "CACHE_LOCATOR_CLASSES", "")
         try:
-            config.CACHE_DIR = str(cache_folder())
+            config.CACHE_DIR, config.CACHE_LOCATOR_CLASSES = str(cache_folder()), f"{__name__}.{ByModule.__name__}"
             compiled: _Function = njit(cache=True, **options)(function)
         except RuntimeError:  # no home, or no folder that can be written to, as in a read-only container
             compiled = njit(**options)(function)
         finally:
-            config.CACHE_DIR = before
+            config.CACHE_DIR, config.CACHE_LOCATOR_CLASSES = before
     return compiled
 
 
