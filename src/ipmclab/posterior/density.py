@@ -67,8 +67,7 @@ class _Noise:
             return found - 0.5 * _squares(measured)
         logarithms = np.zeros(len(residuals))
         if self.terms.shapes or self.held.shape[1]:
-            each = [self._whitened(*one) for one in zip(measured, entries, strict=True)]
-            measured, logarithms = np.array([white for white, _ in each]), np.array([one for _, one in each])
+            measured, logarithms = self._whitened(measured, entries)
         powers = _squares(measured)
         fine = np.isfinite(powers) & (powers > 0.0) & np.isfinite(logarithms)
         # Every logarithm of the scale, every offset and every trend is as likely as another beforehand.
@@ -79,15 +78,19 @@ class _Noise:
         found += entries[:, order:].sum(axis=1) - 2.0 * np.log(np.cosh(entries[:, :order])).sum(axis=1)
         return np.where(fine, found, -np.inf)
 
-    def _whitened(self, measured: FloatArray, entries: FloatArray) -> tuple[FloatArray, float]:
-        """Residuals whitened, offset and trend taken out, and the logarithm of the determinant that goes with it."""
-        columns = np.column_stack([self.held, measured])
-        white, logarithm = whitened(state_space(self.terms, entries), columns, self.steps)
-        if not self.held.shape[1]:
-            return white[:, -1], logarithm
-        basis, triangle = np.linalg.qr(white[:, :-1])
-        left = white[:, -1] - basis @ (basis.T @ white[:, -1])
-        return left, logarithm + 2.0 * float(np.log(np.abs(triangle.diagonal())).sum())
+    def _whitened(self, measured: FloatArray, entries: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Residuals whitened, offset and trend taken out, and the logarithms of the determinants that go with it."""
+        each = [
+            whitened(state_space(self.terms, shape), np.column_stack([self.held, one]), self.steps)
+            for one, shape in zip(measured, entries, strict=True)
+        ]
+        white, logarithms = np.array([one for one, _ in each]), np.array([one for _, one in each])
+        held, left = white[..., :-1], white[..., -1]
+        if not held.shape[-1]:
+            return left, logarithms
+        basis, triangles = np.linalg.qr(held)
+        left -= (basis @ (basis.mT @ left[..., None]))[..., 0]
+        return left, logarithms + 2.0 * np.log(np.abs(np.diagonal(triangles, axis1=1, axis2=2))).sum(axis=1)
 
 
 class Density:
