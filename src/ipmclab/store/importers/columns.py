@@ -16,6 +16,7 @@ from ipmclab.run import FloatArray
 from ipmclab.store.importers.dates import DATE_ORDERS, DateOrder, read_dates
 
 _NUMBER: Final = re.compile(r"[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
+_NOT_OF_NUMBERS: Final = re.compile(r"[^0-9.eE+\-\s]")
 _MISSING: Final = frozenset(
     (
         *("", "nan", "inf", "+inf", "-inf", "infinity", "+infinity", "-infinity"),
@@ -149,7 +150,9 @@ class Columns:
                 )
             values = cells.astype(np.float64)
         else:
-            values = np.array([self._number(cell, row, column) for row, cell in enumerate(cells)], dtype=np.float64)
+            plain = _plain(cells) if self.decimal == "." else None
+            each = (self._number(cell, row, column) for row, cell in enumerate(cells))
+            values = np.fromiter(each, dtype=np.float64) if plain is None else plain
         return np.where(np.isfinite(values), values, np.nan)
 
     def dates(self, columns: Sequence[int], order: DateOrder) -> FloatArray:
@@ -229,6 +232,15 @@ class Columns:
             where=f"{self.file}: {self.place(row, column)}",
             repair=repair,
         )
+
+
+def _plain(cells: Sequence[Any]) -> FloatArray | None:
+    """Texts that are numbers, read all at once; None where one is anything else, or is written in another way."""
+    try:
+        # Of these letters alone, what Python reads as a number is what is one here.
+        return None if _NOT_OF_NUMBERS.search("\n".join(cells)) else np.array(cells, dtype=np.float64)
+    except (TypeError, ValueError):
+        return None
 
 
 def _joined(day: Any, time: Any) -> Any:
