@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -17,11 +17,18 @@ from ipmclab.fit.fit import Fit
 from ipmclab.model.kinds import VARIABLE, load_stages, optional_kinds, register, unregister
 from ipmclab.model.stages.kind import StageKind
 from ipmclab.page.jobs.tasks import find_task
-from tests.page.browser.conftest import LONG, chromium, open_page, served  # noqa: F401  # fixtures
+from tests.page.browser.conftest import LONG, launched, open_page, served  # noqa: F401  # a fixture
 
 STAGE = Path(__file__).parent / "second_zero.py"
 TRUE = {"coupling.gain": 6.79e-9, "coupling.zero": 210.5, "second_zero.share": 0.15}
 MODEL = "friend-2+second_zero"
+
+
+@pytest.fixture(scope="module")
+def chromium(require: Callable[[str, object], None]) -> Iterator[object]:
+    """A browser for the page."""
+    with launched(require) as browser:
+        yield browser
 
 
 @pytest.fixture(scope="module", autouse=True)

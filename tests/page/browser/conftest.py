@@ -8,7 +8,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from functools import partial
 from pathlib import Path
 
@@ -24,9 +24,8 @@ BARE = "nowhere"
 """There is no such address: it gives a page with the script of the plots and no section, at a fifth of the time."""
 
 
-# Of a module: its event loop runs until it is closed, and tests after these start loops of their own.
-@pytest.fixture(scope="module")
-def chromium(require: Callable[[str, object], None]) -> Iterator[object]:
+@contextmanager
+def launched(require: Callable[[str, object], None]) -> Iterator[object]:
     """The system's Chromium: the build without windows if there is one, which takes a third less processor time."""
     from playwright.sync_api import sync_playwright
 
@@ -39,6 +38,26 @@ def chromium(require: Callable[[str, object], None]) -> Iterator[object]:
         )
         yield browser
         browser.close()
+
+
+_kept = ExitStack()
+_browsers: list[object] = []
+
+
+@pytest.fixture(scope="module")
+def chromium(require: Callable[[str, object], None]) -> object:
+    """One browser for all tests of this folder that come one after another."""
+    if not _browsers:
+        _browsers.append(_kept.enter_context(launched(require)))
+        _kept.callback(_browsers.clear)
+    return _browsers[0]
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_runtest_teardown(nextitem: pytest.Item | None) -> None:
+    """Close the browser behind the last of them: its event loop runs until then, and others start one of their own."""
+    if nextitem is None or Path(__file__).parent not in nextitem.path.parents:
+        _kept.close()
 
 
 @contextmanager
@@ -112,27 +131,29 @@ def kept(page, field: str, value: object) -> None:
     page.wait_for_function("([field, value]) => LabDraft.kept().values[field] === value", arg=[field, value])
 
 
-OF_COLOURS = {"type": "rule", "values": ["color-contrast", "link-in-text-block"]}
-"""Axe's rules that a theme can break; what all others look at is the same in both."""
+SERIOUS = """async () => {
+  const before = document.documentElement.dataset.theme;
+  const ofColours = { runOnly: { type: "rule", values: ["color-contrast", "link-in-text-block"] } };
+  const found = [];
+  for (const [theme, rules] of [["light", {}], ["dark", ofColours]]) {
+    setTheme(theme);
+    const { violations } = await axe.run({ resultTypes: ["violations"], ...rules });
+    for (const { id, impact, nodes } of violations.filter(({ impact }) => ["serious", "critical"].includes(impact)))
+      found.push(`${theme}: ${id}: ${nodes.map(({ html }) => html.slice(0, 120))}`);
+  }
+  setTheme(before);
+  return found;
+}"""
+"""In dark those of axe's rules alone that a theme can break; what all others look at is the same in both."""
 
 
 def serious(page) -> list[str]:
     """What axe finds in a page that would keep somebody from using it: all rules in light, those of colours in dark."""
-    from axe_playwright_python.sync_playwright import Axe
+    from axe_playwright_python.base import AXE_SCRIPT
 
     page.add_style_tag(content="* { transition: none !important }")  # else a colour may be seen on its way
-    before = page.evaluate("document.documentElement.dataset.theme")
-    found = []
-    for theme, rules in (("light", {}), ("dark", {"runOnly": OF_COLOURS})):
-        page.evaluate(f"setTheme('{theme}')")
-        violations = Axe().run(page, options={"resultTypes": ["violations"], **rules}).response["violations"]
-        found += [
-            f"{theme}: {one['id']}: {[node['html'][:120] for node in one['nodes']]}"
-            for one in violations
-            if one["impact"] in ("serious", "critical")
-        ]
-    page.evaluate(f"setTheme('{before}')")
-    return found
+    page.evaluate(AXE_SCRIPT)
+    return page.evaluate(SERIOUS)
 
 
 def _local(url: str) -> bool:
