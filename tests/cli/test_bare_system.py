@@ -4,6 +4,7 @@ memory.
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -24,6 +25,15 @@ fingerprint = false
 
 INSTALLED = (sys.prefix, str(Path(ipmclab.__file__).parents[1]))
 """Where the packages are, and the program."""
+
+ENVIRONMENT = {
+    "LC_ALL": "C",
+    "PATH": "/usr/bin:/bin:/usr/sbin:/sbin",
+    "OPENBLAS_NUM_THREADS": "1",
+    # Where no compiled module may lie beside its source each process would compile all of them.
+    **{name: os.environ[name] for name in ("PYTHONPYCACHEPREFIX",) if name in os.environ},
+}
+"""Next to nothing."""
 
 BARE = """
 ulimit -v 3000000
@@ -60,7 +70,7 @@ def bare(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
         ["unshare", "--user", "--map-root-user", "--net", "--mount", *line],
         cwd=folder,
-        env={"LC_ALL": "C", "PATH": "/usr/bin:/bin:/usr/sbin:/sbin", "OPENBLAS_NUM_THREADS": "1"},
+        env=ENVIRONMENT,
         stdin=subprocess.DEVNULL,
         capture_output=True,
         encoding="utf-8",
