@@ -29,7 +29,7 @@ from ipmclab.posterior.doubts import doubts
 from ipmclab.posterior.packages import bayes_package
 from ipmclab.posterior.posterior import Posterior
 from ipmclab.reporting.figures.pairs import pairs_figure
-from tests.independent.bounds import lsim_current, noisy_current
+from tests.independent.bounds import current_of, noisy_current
 from tests.independent.thesis import FRIEND_2, Strip, circuit
 
 Array = npt.NDArray[np.float64]
@@ -204,7 +204,7 @@ def test_a_bent_valley_is_filled_as_quadrature_along_it_says() -> None:
             moved = [point.copy(), point.copy()]
             moved[0][place] += 1e-5
             moved[1][place] -= 1e-5
-            up, down = (lsim_current(strip_at(one), TIME, VOLTAGE, straight_lines=False) for one in moved)
+            up, down = (current_of(strip_at(one), TIME, VOLTAGE) for one in moved)
             columns.append((up - down) / 2e-5 / NOISE)
         information = np.linalg.slogdet(np.transpose(columns).T @ np.transpose(columns))[1]
         away = (point[1] - np.log(FRIEND[SERIES])) / 0.3

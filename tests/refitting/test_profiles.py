@@ -14,7 +14,7 @@ from ipmclab import InputError, Run, RunMetadata, identify, load_actuator, profi
 from ipmclab.fit.fit import Fit
 from ipmclab.refitting.profiles import flat_within
 from ipmclab.reporting.figures.profiles import profiles_figure
-from tests.independent.bounds import ELECTRICAL, log_parameters_of, lsim_current, strip_of
+from tests.independent.bounds import ELECTRICAL, current_of, log_parameters_of, strip_of
 from tests.independent.thesis import FRIEND_2
 
 SEED = 20261121
@@ -55,7 +55,7 @@ def least_squares_with(place: int | None, value: float) -> float:
         point[moved] = entries
         if place is not None:
             point[place] = np.log(value)
-        answer = lsim_current(strip_of(point), run.time, run.voltage, straight_lines=False)
+        answer = current_of(strip_of(point), run.time, run.voltage)
         return np.asarray((answer - current) / NOISE)
 
     found = scipy.optimize.least_squares(residuals, start[moved], x_scale="jac", diff_step=1e-6)
