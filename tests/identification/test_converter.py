@@ -78,7 +78,7 @@ def test_intervals_hold_the_true_values(instrument: Instrument) -> None:
 
 def test_noise_that_grows_is_told_with_how_far() -> None:
     times = []
-    for seed in range(8):
+    for seed in range(FIRST, FIRST + 8):
         told = [one for one in fitted(growing, seed).findings if one.code == "noise-grows"]
         assert [one.channel for one in told] == ["current", "current"]
         times.append([one.values["times"] for one in told])

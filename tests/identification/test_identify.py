@@ -413,7 +413,7 @@ def test_every_parameter_that_is_not_determined_is_named_by_a_direction() -> Non
 
 def test_who_interrupts_the_search_for_missing_stages_keeps_the_fit() -> None:
     strip = load_actuator("friend-2+clamp").replace(**{"clamp.direct_share": 0.5})
-    run = record(actuator=strip)
+    run = record(actuator=strip, rate=20.0, duration=20.0)
     told: list[str] = []
 
     def interrupt(sentence: str, _: float) -> None:

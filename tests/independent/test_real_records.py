@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -43,6 +44,7 @@ def covers(finding: ipmclab.Finding, row: int) -> bool:
     return any(start <= row < stop for start, stop in finding.samples)
 
 
+@cache
 def record(real_runs: Path, name: str) -> ipmclab.Run:
     return ipmclab.import_run(real_runs / f"{name}.csv.gz", MAPS / f"{name}.toml")
 

@@ -24,6 +24,7 @@ from ipmclab.errors import InputError
 from ipmclab.run import QUALITY_FLAGS, Run
 from ipmclab.store.exporting import export_run
 from ipmclab.store.import_map import ImportMap
+from ipmclab.store.importers import xlsx
 from ipmclab.store.importing import import_run
 
 VOLTAGE = [0.0, 0.0, 1.0, 1.0, 1.0]
@@ -717,8 +718,12 @@ def test_no_damage_gives_a_traceback(
 
 
 @pytest.mark.parametrize(("cell", "row"), [("XFD", 2000), ("A", 10**9)])
-def test_a_sheet_whose_far_cell_would_fill_the_memory_is_refused(tmp_path: Path, cell: str, row: int) -> None:
+def test_a_sheet_whose_far_cell_would_fill_the_memory_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cell: str, row: int
+) -> None:
     """The file is small: one cell far to the right widens every row, one far below makes rows up to it."""
+    assert xlsx._MOST_CELLS == 2**24
+    monkeypatch.setattr(xlsx, "_MOST_CELLS", 2**20)  # to count so far takes seconds
     path = tmp_path / "far.xlsx"
     openpyxl.Workbook().save(path)
     with zipfile.ZipFile(path) as book:
@@ -732,7 +737,7 @@ def test_a_sheet_whose_far_cell_would_fill_the_memory_is_refused(tmp_path: Path,
             book.writestr(name, part)
     assert path.stat().st_size < 2**16
     table = {"file": {"format": "xlsx"}, "channels": {"voltage": {"column": 0}}, "sampling_period": "20 ms"}
-    with pytest.raises(InputError, match="make more than 16777216 cells") as told:
+    with pytest.raises(InputError, match="make more than 1048576 cells") as told:
         import_run(path, ImportMap.from_table(table))
     assert "far to the right" in told.value.repair
 
