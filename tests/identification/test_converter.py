@@ -11,7 +11,7 @@ import numpy.typing as npt
 import pytest
 
 from ipmclab import Fit, Run, RunMetadata, identify, load_actuator, simulate
-from ipmclab.identification.mountings.remarks import remarks
+from ipmclab.prediction.remarks import remarks
 
 FloatArray = npt.NDArray[np.float64]
 

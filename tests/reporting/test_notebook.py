@@ -50,7 +50,7 @@ def test_a_fit_and_its_validation(material: Any) -> None:
     tree, rows = parsed(validation)
     assert has_figure(tree)
     name, score = next(iter(validation.runs[0].scores.items()))
-    assert [validation.runs[0].label, name, f"{score.fit_percent:.1f} %"] in [row[:3] for row in rows]
+    assert [validation.runs[0].label, name, score.fit_text] in [row[:3] for row in rows]
 
 
 def test_a_choice_and_a_forecast() -> None:

@@ -149,7 +149,7 @@ def print_details(fit: Fit) -> None:
     from ipmclab.fit.answer import REFUSED, known_rows, parameter_rows, quantity_of, verdict
     from ipmclab.fit.in_brief import most_important_first
     from ipmclab.fit.output_diagnosis import WORDS
-    from ipmclab.identification.mountings.remarks import remarks
+    from ipmclab.prediction.remarks import remarks
     from ipmclab.quality.scale import CODE as UNIT_OFF
 
     print_paragraph(verdict(fit))

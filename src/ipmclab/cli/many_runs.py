@@ -17,7 +17,7 @@ def print_many_runs(fit: Fit) -> None:
     from ipmclab.fit.mountings import NEXT_STRIP
     from ipmclab.fit.state_rows import HEAD, state_rows
     from ipmclab.identification.mountings.mountings import why_unknown
-    from ipmclab.identification.mountings.remarks import left_out_remarks
+    from ipmclab.prediction.remarks import left_out_remarks
 
     why = why_unknown(fit)
     if why:
@@ -60,7 +60,7 @@ def print_many_runs(fit: Fit) -> None:
 def many_runs_document(fit: Fit) -> dict[str, Any]:
     """The same as it stands in a JSON document."""
     from ipmclab.identification.mountings.mountings import why_unknown
-    from ipmclab.identification.mountings.remarks import left_out_remarks
+    from ipmclab.prediction.remarks import left_out_remarks
 
     remarks = left_out_remarks(fit)
     return {

@@ -95,7 +95,7 @@ def posterior(
 
 def print_posterior(posterior: Posterior, *, details: bool = False) -> None:
     """Print a posterior: its parameters, and how the chains did."""
-    from ipmclab.identification.mountings.remarks import AVERAGED
+    from ipmclab.prediction.remarks import AVERAGED
 
     rows = []
     next_known = any(one.interval_next_mounting is not None for one in posterior.parameters.values())

@@ -34,6 +34,7 @@ IN_PYTHON: Final = "see fit.findings"
 _EXPLAINS_NOTHING: Final = "model-explains-nothing"
 
 _DOUBTS: Final = (
+    "inrush-missed",
     "model-error",
     "model-incomplete",
     "stage-missing",

@@ -25,7 +25,7 @@ NOT_ALLOWED: Final = "impossible-current"
 """The model's own series resistance is too high for the current that was read."""
 
 _FAILED: Final = ("not-converged", "model-explains-nothing")
-LACKING: Final = ("model-incomplete", "stage-missing", "model-error")
+LACKING: Final = ("inrush-missed", "model-incomplete", "stage-missing", "model-error")
 """What says that the model leaves something that is no noise."""
 
 _CONTRADICTS: Final = {
@@ -293,6 +293,8 @@ def _plain(finding: Finding) -> str:
         case "contact-missing" if finding.samples:
             start, stop = finding.samples[0]
             return f"no current flows from row {start} to row {stop - 1}, so the fit takes the voltage as 0 V there"
+        case "current-rises" if "hidden" in values:
+            return "the current rises at constant voltage; the leak that grows of this model does not show"
         case "current-rises":
             return "the current rises at constant voltage, which only a leak that grows (leak.slow) can follow"
         case "model-incomplete":
@@ -301,7 +303,8 @@ def _plain(finding: Finding) -> str:
             share = f"{100.0 * float(values.get('explained') or 0.0):.0f} %"
             return f"the stage {values['stage']} explains {share} of the {channel}'s residual beyond noise"
         case "above-electrolysis" if "largest_voltage" in values:
-            return f"water decomposes at {values['largest_voltage']:.3g} V, and the model has no current for that"
+            none = "the leak of the model gives no current there" if "leaks" in values else "the model has no leak"
+            return f"water decomposes at {values['largest_voltage']:.3g} V, and {none}"
         case "sampling-period-unknown" if "period" in values:
             return (
                 f"the sampling period is assumed ({values['period']:.4g} s): all times and permittivities scale with it"

@@ -20,7 +20,7 @@ from ipmclab.identification.environment.remarks import doubtful, water_contradic
 from ipmclab.identification.environment.state_of_run import with_states
 from ipmclab.identification.estimate import estimate
 from ipmclab.identification.mountings.mountings import differ, each_mounting, with_mountings
-from ipmclab.identification.of_records import NOISE, findings_of_records, left_out_of
+from ipmclab.identification.of_records import NOISE, GrowingLeak, findings_of_records, left_out_of
 from ipmclab.identification.problem.earlier_fit import as_read_before, fitted_runs
 from ipmclab.identification.problem.free import FreeParameters, Prior, parse_free
 from ipmclab.identification.problem.order import Order
@@ -206,7 +206,7 @@ def _identify(
     diagnoses, lacking = _what_it_lacks(actuator, names, result) if diagnosed else ((), ())
     stage("errors and intervals", 0.8, 1.0)
     told = (
-        *findings_of_records(records, found, grows=_leak_grows(actuator, result)),
+        *findings_of_records(records, found, _growing_leak(actuator, result)),
         *left_out,
         *result.findings,
         *lacking,
@@ -319,10 +319,12 @@ def _labels(labels: Sequence[str] | None, runs: int) -> list[str] | None:
     return given
 
 
-def _leak_grows(actuator: Actuator, result: Estimate) -> bool:
+def _growing_leak(actuator: Actuator, result: Estimate) -> GrowingLeak:
     """Whether the model has a leak that grows, and the readings show it."""
+    if not actuator.structure.slow_leak:
+        return "none"
     unseen = {unknown.base for one in result.unseen for unknown in one.unknowns}
-    return actuator.structure.slow_leak and SLOW_TIME not in unseen
+    return "hidden" if SLOW_TIME in unseen else "shown"
 
 
 def outputs_of_fit(names: FreeParameters) -> tuple[str, ...]:

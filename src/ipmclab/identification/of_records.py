@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence, Set
 from dataclasses import replace
-from typing import Final
+from typing import Final, Literal
 
 from ipmclab.identification.problem.record import PreparedRun
 from ipmclab.run import Finding
+
+GrowingLeak = Literal["none", "hidden", "shown"]
 
 NOISE: Final = "nothing but noise"
 _RISES: Final = "current-rises"
@@ -17,7 +19,7 @@ _ALWAYS_TOLD: Final = frozenset({"sampling-period-unknown", _RISES})
 
 
 def findings_of_records(
-    records: Sequence[PreparedRun], found: Sequence[Sequence[Finding]], *, grows: bool
+    records: Sequence[PreparedRun], found: Sequence[Sequence[Finding]], growing_leak: GrowingLeak
 ) -> tuple[Finding, ...]:
     """Findings of the records that change what enters the fit, or what to think of it, with the run they belong to.
 
@@ -26,12 +28,12 @@ def findings_of_records(
     records : sequence of PreparedRun
     found : sequence of sequence of Finding
         What ``check`` says of each.
-    grows : bool
-        Whether a leak that grows explains a current that rises.
+    growing_leak : "none", "hidden" or "shown"
+        Whether the model has a leak that grows, which could explain a current that rises, and the readings show it.
     """
-    explained = {_RISES} if grows else set()
+    explained = {_RISES} if growing_leak == "shown" else set()
     return tuple(
-        _in_fit(finding, record.label)
+        _in_fit(finding, record.label, growing_leak)
         for record, findings in zip(records, found, strict=True)
         for finding in findings
         if finding.code not in explained
@@ -46,8 +48,16 @@ def findings_of_records(
     )
 
 
-def _in_fit(finding: Finding, label: str) -> Finding:
+def _in_fit(finding: Finding, label: str, growing_leak: GrowingLeak) -> Finding:
     """A finding of a record as a fit says it: where the contact was missing, the fit has the voltage at 0."""
+    if finding.code == _RISES and growing_leak == "hidden":
+        return replace(
+            finding,
+            message=f"{label}: {finding.message}; the leak that grows, which this model has, does not show beside what "
+            "else it leaves",
+            repair="record longer at this voltage, or identify from the part before the rise",
+            values={**finding.values, "hidden": 1.0},
+        )
     late = finding.code == "contact-missing"
     return replace(
         finding,

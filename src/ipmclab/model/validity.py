@@ -128,7 +128,8 @@ def _voltage(actuator: Actuator, largest: float) -> list[Finding]:
             "so a strip with water in it draws more current and moves otherwise",
             "stay below, give the actuator a leak at this voltage, or be sure that the strip holds no water",
             channel="voltage",
-            values={"largest_voltage": largest, "limit": ELECTROLYSIS},
+            values={"largest_voltage": largest, "limit": ELECTROLYSIS}
+            | ({"leaks": 1.0} if actuator.structure.leak else {}),
         )
     ]
 

@@ -16,7 +16,6 @@ from ipmclab.engine import Engine
 from ipmclab.errors import InputError, IpmclabError
 from ipmclab.fit.fit import Fit
 from ipmclab.identification.mountings.mountings import why_unknown
-from ipmclab.identification.mountings.remarks import averages
 from ipmclab.identification.problem.order import Order
 from ipmclab.identification.problem.stated import stated_covariance
 from ipmclab.identification.problem.unknowns import Unknown
@@ -29,6 +28,7 @@ from ipmclab.posterior.density import Density
 from ipmclab.posterior.doubts import doubts
 from ipmclab.posterior.packages import bayes_package
 from ipmclab.posterior.sampling import LEAST_STEPS, Chains, sample
+from ipmclab.prediction.remarks import averages
 from ipmclab.progress import Tell, part, stage, telling
 from ipmclab.run import Finding
 from ipmclab.units import CHANNELS, TIME, Quantity

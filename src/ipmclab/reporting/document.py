@@ -17,10 +17,10 @@ from ipmclab.errors import InputError
 from ipmclab.fit.answer import REFUSED
 from ipmclab.fit.answer import verdict as verdict_of
 from ipmclab.fit.in_brief import most_important_first
-from ipmclab.identification.mountings.remarks import averages
 from ipmclab.model.validity import CODES as VALIDITY_CODES
 from ipmclab.model.validity import SMALL_BENDING
 from ipmclab.prediction.fitted import fitted_outputs
+from ipmclab.prediction.remarks import averages
 from ipmclab.prediction.scores import LAGS, Comparison
 from ipmclab.prediction.validate import Validation, run_labels, validate
 from ipmclab.prediction.verdict import verdict_of as verdict_of_runs

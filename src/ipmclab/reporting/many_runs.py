@@ -11,7 +11,7 @@ from markupsafe import Markup
 from ipmclab.fit.mountings import NEXT_STRIP
 from ipmclab.fit.state_rows import HEAD, state_rows
 from ipmclab.identification.mountings.mountings import why_unknown
-from ipmclab.identification.mountings.remarks import left_out_remarks
+from ipmclab.prediction.remarks import left_out_remarks
 from ipmclab.reporting.figures.mountings import fit_of_each, mountings_figure
 from ipmclab.reporting.page_file import render
 from ipmclab.reporting.svg import inline_svg

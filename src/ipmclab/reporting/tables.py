@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from ipmclab.fit.answer import quantity_of
-from ipmclab.identification.mountings.remarks import remarks
+from ipmclab.prediction.remarks import remarks
 from ipmclab.prediction.scores import Comparison, Score, score
 from ipmclab.prediction.validate import Validation
 from ipmclab.quality.noise import noise_level

@@ -23,8 +23,8 @@ from ipmclab import (
 )
 from ipmclab.cli.many_runs import many_runs_document, print_many_runs
 from ipmclab.identification.mountings.mountings import Mounting, differ, why_unknown
-from ipmclab.identification.mountings.remarks import averages
 from ipmclab.model import Actuator
+from ipmclab.prediction.remarks import averages
 from ipmclab.reporting.many_runs import left_out_rows, many_runs_part
 from ipmclab.reporting.tables import parameter_rows
 from ipmclab.run import Run

@@ -52,13 +52,33 @@ def held(strip: Actuator, fits: Sequence[Fit], outputs: Sequence[str]) -> dict[s
 
 
 def test_what_shows_after_the_record_is_not_known_from_it() -> None:
-    """The slowest time constant of the strip is 15.8 s: in 12 s neither its charge nor its dc resistance is seen."""
+    """The slowest time constant of the strip is 15.8 s: 12 s give neither it nor the charge nor the dc resistance."""
     longer, shorter = (
         {one.name for one in identify(STRIP, simulate(STRIP, "step 1 V", duration=duration, rate=50)).known}
         for duration in (20.0, 12.0)
     )
     assert longer == ELECTRICAL
-    assert ELECTRICAL - shorter == {"circuit.dc_resistance", "circuit.capacitance"}
+    assert ELECTRICAL - shorter == {"circuit.dc_resistance", "circuit.capacitance", "circuit.time_constants.1"}
+
+
+@pytest.mark.parametrize(("slower", "is_missed"), [(1.0, False), (1000.0, True)])
+def test_a_resistance_that_the_peak_contradicts_is_not_known(slower: float, is_missed: bool) -> None:
+    """A strip whose branches let hardly any current through, and one of which the fit has the right branches."""
+    run = noisy(np.random.default_rng(1), "step 1 V delay=1 s", outputs=("current",), duration=40.0, rate=20.0)
+    branches = {
+        f"circuit.branches.{k}.resistivity": slower * STRIP[f"circuit.branches.{k}.resistivity"] for k in (0, 1)
+    }
+    fit = identify(STRIP.replace(**branches), run, free="circuit.dc_resistivity")
+    assert ("circuit.high_frequency_resistance" in {one.name for one in fit.known}) != is_missed
+    found = [one for one in fit.findings if one.code == "inrush-missed"]
+    assert bool(found) == is_missed
+    if is_missed:
+        assert run.current is not None
+        assert found[0].values["current"] == pytest.approx(float(np.abs(run.current).max()))
+        # What the circuit draws at once, as its own simulation has it.
+        drawn = simulate(fit.actuator, "step 1 V", duration=0.1, rate=20.0, hold="zero").current
+        assert drawn is not None
+        assert found[0].values["largest"] == pytest.approx(float(drawn[0]), rel=1e-6)
 
 
 @pytest.mark.parametrize("seed", range(3))

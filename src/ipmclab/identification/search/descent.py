@@ -15,6 +15,7 @@ from ipmclab.identification.problem.response import CircuitResponder
 from ipmclab.identification.search.solve import (
     SETTLED,
     STRUCTURAL,
+    THERE,
     Shifted,
     Solution,
     descend,
@@ -58,7 +59,7 @@ def minimum(problem: Problem, theta: FloatArray, *, evaluations: int = LONGEST) 
     for _ in range(_CORRECTED):
         found, left = settled_to(problem, found, _THERE)
         if left <= _THERE:
-            return replace(found, converged=True)
+            return replace(found, converged=True, message=THERE)
         corrected = Shifted(means, correction(means.evaluate(found.theta), found.evaluation))
         near = on_every_row(problem, minimise(corrected, found.theta, evaluations=evaluations, tolerance=NEAR))
         near = replace(near, evaluations=near.evaluations + found.evaluations)
@@ -168,7 +169,9 @@ def weigh(problem: Problem, solution: Solution) -> tuple[Problem, Solution]:
         here = problem.weighed(solution.theta, solution.evaluation, noise)
         again = minimum_near(weighed, solution.theta, here)
         spent = again.evaluations + solution.evaluations
-        problem, solution = weighed, replace(again, converged=again.converged and solution.converged, evaluations=spent)
+        if not solution.converged:
+            again = replace(again, converged=False, message=solution.message)
+        problem, solution = weighed, replace(again, evaluations=spent)
     for _ in range(_WEIGHED_AGAIN):
         solution = settled(problem, solution)
         noise = found_noise(problem, solution)

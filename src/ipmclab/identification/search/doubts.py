@@ -120,61 +120,43 @@ def largest_swing(voltage: FloatArray) -> float:
 
 
 def contradicted_currents(problem: Problem, solution: Solution, record: PreparedRun) -> list[Finding]:
-    """A current that the resistances of the model do not allow."""
-    impossible = _impossible(problem, solution, record)
-    missed = _inrush_missed(problem, solution, record) if impossible is None else impossible
-    return [] if missed is None else [missed]
-
-
-def _inrush_missed(problem: Problem, solution: Solution, record: PreparedRun) -> Finding | None:
-    """A current of which the fitted circuit does not allow half, whatever the voltage did before."""
+    """A current that not even a short circuit behind the electrodes could draw; or twice what the circuit could."""
     values = problem.values(solution.theta, record.place)
     structure = Structure.of(values)
-    if not structure.is_lumped:
-        return None
-    block = structure.electrical.block(values)
-    conductance = float(block.d[block.outputs.index("current"), block.inputs.index("voltage")])
-    most = largest_swing(record.run.voltage) * conductance / (1.0 + record.series_resistance * conductance)
     read = largest_current(record)
-    if read <= most / _HALF:
-        return None
-    return Finding(
-        "inrush-missed",
-        "warning",
-        f"{record.label}: the current reaches {1e3 * read:.4g} mA, and the fitted circuit draws {1e3 * most:.4g} mA at "
-        "most: it does not follow the first moments after an edge",
-        "fit the circuit to the current alone (--free electrical), then the rest with the circuit fixed; or give the "
-        "circuit another branch",
-        channel="current",
-        values={"current": read, "largest": most},
-    )
-
-
-def _impossible(problem: Problem, solution: Solution, record: PreparedRun) -> Finding | None:
-    """A current that not even a short circuit behind the electrodes could draw."""
-    reading = record.readings.get("current")
-    if reading is None or not len(reading.measured):
-        return None
-    values = problem.values(solution.theta, record.place)
-    structure = Structure.of(values)
-    if not replace(structure, leak="").is_lumped:
-        return None
-    series = lumped(structure.branches, values, record.series_resistance).series
-    most = largest_swing(record.run.voltage) / series if series else np.inf
-    noise = problem.noise[record.place, "current"]
-    seen = float(np.abs(reading.measured).max())
-    if seen <= 1.02 * most or seen <= most + _SURELY * reading.noise or noise <= 0.0:
-        return None
-    return Finding(
-        "impossible-current",
-        "error",
-        f"{record.label}: the current reaches {1e3 * seen:.4g} mA, but {series:.4g} ohm in series with the branches "
-        f"allow {1e3 * most:.4g} mA at most",
-        "the sheet or contact resistance is too high, or the clamp feeds part of the strip directly: measure it, free "
-        "circuit.sheet_resistance, or add the stage clamp or line.segments to the actuator",
-        channel="current",
-        values={"current": seen, "largest": most, "series_resistance": series},
-    )
+    if not replace(structure, leak="").is_lumped or read == 0.0 or problem.noise[record.place, "current"] <= 0.0:
+        return []
+    parts = lumped(structure.branches, values, record.series_resistance)
+    swing, largest = largest_swing(record.run.voltage), float(np.abs(record.readings["current"].measured).max())
+    reaches = f"{record.label}: the current reaches {1e3 * largest:.4g} mA, "
+    if parts.series and read > swing / parts.series and largest > 1.02 * swing / parts.series:
+        most = swing / parts.series
+        return [
+            Finding(
+                "impossible-current",
+                "error",
+                f"{reaches}but {parts.series:.4g} ohm in series with the branches allow {1e3 * most:.4g} mA at most",
+                "the sheet or contact resistance is too high, or the clamp feeds part of the strip directly: measure "
+                "it, free circuit.sheet_resistance, or add the stage clamp or line.segments to the actuator",
+                channel="current",
+                values={"current": largest, "largest": most, "series_resistance": parts.series},
+            )
+        ]
+    most = swing / (parts.series + 1.0 / (1.0 / parts.leak + float(np.sum(1.0 / parts.resistances))))
+    if structure.leak or read <= most / _HALF:
+        return []
+    return [
+        Finding(
+            "inrush-missed",
+            "warning",
+            f"{reaches}and the fitted circuit draws {1e3 * most:.4g} mA at most: it does not follow the first moments "
+            "after an edge",
+            "fit the circuit to the current alone (--free electrical), then the rest with the circuit fixed; or give "
+            "the circuit another branch",
+            channel="current",
+            values={"current": largest, "largest": most},
+        )
+    ]
 
 
 def message(solution: Solution, findings: Sequence[Finding]) -> str:

@@ -33,11 +33,13 @@ _UNFELT: Final = 1e-30  # of the largest derivative: far below the rounding of a
 _NEAR: Final = 1e-3  # of a logarithm or a scale: an entry that near to its bound, and pressing on it, is at its bound
 _ASIDE: Final = 1e-6  # so far inside the bound it stays
 
+THERE: Final = "the parameters stopped moving"
+
 _REASONS: Final = {
     0: "the limit of evaluations was reached before the cost stopped falling",
     1: "the gradient vanished",
     2: "the cost stopped falling",
-    3: "the parameters stopped moving",
+    3: THERE,
     4: "the cost and the parameters stopped moving",
 }
 

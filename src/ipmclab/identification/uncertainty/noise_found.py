@@ -125,8 +125,9 @@ def drift_findings(problem: Problem, observations: Sequence[Observation]) -> lis
                     "sensor-drift",
                     "warning" if abs(moved) > _NOTICED * observation.span[output] else "info",
                     f"{record.label}: the sensor of the {output} is taken to drift by {channel.to_display(moved):.2g} "
-                    f"{channel.display_unit} over the record, which no prediction holds",
-                    "record half a minute at 0 V before the voltage: these rows show whether the sensor drifts",
+                    f"{channel.display_unit} over the record, which no prediction holds; creep looks the same",
+                    "record half a minute at 0 V before the voltage: these rows show whether the sensor drifts; where "
+                    "the strip itself creeps, give the actuator the stage that what is left asks for",
                     channel=output,
                     values={"drift": drift},
                 )

@@ -208,7 +208,10 @@ def _cure(moved: set[str], records: Sequence[PreparedRun]) -> str:
     circuit = {name for name in moved if is_of_circuit(name)}
     series = moved & set(SERIES)
     if "observation.delay" in moved:
-        return "record the voltage with a known hold, or give runs that show the rows before and after each edge"
+        return (
+            'say in the import map how the voltage went between two rows (hold = "zero" where it stepped, "first" '
+            "where it moved straight), or give runs that show the rows before and after each edge"
+        )
     if len(series) == 2:
         return "sheet and contact resistance lie in series: fix one of them at a measured value"
     if series and circuit - series:

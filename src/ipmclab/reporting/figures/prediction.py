@@ -37,13 +37,16 @@ def prediction_figure(run: Run, models: Mapping[str, Mapping[str, Comparison]]) 
     run : Run
         Gives time, voltage and hold.
     models : mapping of model name to (mapping of output to Comparison)
-        One or several models over the same outputs; rows that do not count are shaded.
+        One or several models over the same outputs; rows that do not count are shaded, and an output of which none
+        count is not drawn beside others.
 
     Returns
     -------
     figure : Figure
     """
-    outputs = list(next(iter(models.values())))
+    each = next(iter(models.values()))
+    # A channel of noise alone says nothing of the model, and would take the room of those that do.
+    outputs = [output for output, one in each.items() if one.used.any()] or list(each)
     with style():
         figure, panels = stacked([0.3, *(height for _ in outputs for height in (0.95, 0.36))])
         held_curve(panels[0], run.time, run.voltage, run.hold, color=COLOURS["ink"], linewidth=1.0)

@@ -50,9 +50,9 @@ def fit_frame(fit: Fit, runs: list[Run]) -> Frame:
     from ipmclab.fit.answer import verdict
     from ipmclab.fit.output_diagnosis import WORDS
     from ipmclab.identification.mountings.mountings import why_unknown
-    from ipmclab.identification.mountings.remarks import averages
     from ipmclab.page.jobs.tasks.given import comparison_arrays, finding_row, rows_of
     from ipmclab.prediction.fitted import fitted_outputs
+    from ipmclab.prediction.remarks import averages
     from ipmclab.reporting.many_runs import left_out_rows
     from ipmclab.reporting.profiles import profiles_csv, profiles_part
     from ipmclab.reporting.svg import standalone_svg
