@@ -129,3 +129,12 @@ def test_a_guessed_sampling_period_is_passed_on() -> None:
     run = record(strip())
     guessed = replace(run, metadata=replace(run.metadata, sampling_period_known=False))
     assert codes(strip(), guessed) == ["sampling-period-unknown"]
+
+
+def test_a_coupling_that_no_fit_gave_is_said() -> None:
+    run = simulate(strip(), "step 1 V delay=5 s", duration=90.0, rate=RATE)
+    of_circuit = identify(strip(), run, free="circuit.dc_resistivity")
+    for model in (of_circuit, of_circuit.actuator):
+        assert "coupling-not-identified" in codes(model, run)
+    assert "coupling-not-identified" not in codes(identify(strip(), run, free="coupling.gain"), run)
+    assert "coupling-not-identified" not in codes(strip(), run)  # no fit: whose values these are is not said

@@ -14,6 +14,7 @@ from ipmclab.fit.fit import Fit
 from ipmclab.model import Actuator
 from ipmclab.model.declared import stage_outputs
 from ipmclab.model.stages.relaxation import mode_ratios
+from ipmclab.prediction.open_coupling import NOT_IDENTIFIED, open_coupling
 from ipmclab.run import Finding
 
 FloatArray = npt.NDArray[np.float64]
@@ -45,6 +46,13 @@ def left_open(model: Actuator | Fit | None, channel: str) -> tuple[str, ...]:
         known = model.parameter_values
     other = "force" if channel == "displacement" else "displacement"
     return tuple(name for name in open_ones if name in known and stage_outputs(name) != (other,))
+
+
+def circuit_alone(actuator: Actuator) -> list[Finding]:
+    """A finding where the fit that an actuator carries asked for nothing that moves the strip."""
+    names = [str(one["name"]) for one in _entries(actuator.fit_table)]
+    of_circuit = all(stage_outputs(name) == ("current",) for name in names if name in actuator.parameter_values)
+    return [one for one in open_coupling(actuator) if one.code == NOT_IDENTIFIED] if names and of_circuit else []
 
 
 def _entries(table: Mapping[str, Any] | None) -> list[Mapping[str, Any]]:

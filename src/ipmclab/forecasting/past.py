@@ -15,6 +15,7 @@ from ipmclab.errors import InputError
 from ipmclab.fit.fit import Fit
 from ipmclab.forecasting.doubts import (
     age_finding,
+    circuit_alone,
     free_length,
     left_open,
     undetermined_finding,
@@ -100,6 +101,7 @@ def read_past(
     kept: list[Finding] = []
     if actuator is not None:
         need_actuator(actuator)
+        kept += circuit_alone(actuator)
         names_open = left_open(model, channel)
         actuator, open_ratios = without_open_ratios(actuator, channel, names_open)
         kept += [one for one in [undetermined_finding(names_open, open_ratios)] if one is not None]
