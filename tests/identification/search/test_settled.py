@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.optimize import minimize
 
+from ipmclab import identify, load_actuator
 from ipmclab.identification.problem.problem import Evaluation
+from ipmclab.identification.search.descent import weigh
 from ipmclab.identification.search.solve import Solution, settled
+from ipmclab.identification.solved import solved
+from tests.identification.many import noisy
 
 TIME = np.linspace(0.0, 4.0, 60)
 READINGS = 2.0 * np.exp(-0.7 * TIME) + 0.1 * np.random.default_rng(20261121).standard_normal(60)
@@ -53,3 +59,18 @@ def test_far_from_any_minimum_nothing_is_done() -> None:
     problem = Decay()
     start = stopped(problem, np.array([3.0, 1.0]))
     assert settled(problem, start) is start
+
+
+def test_a_search_that_was_left_is_only_the_start_of_the_one_under_other_weights() -> None:
+    """The fit is a minimum of the last weights; whether that of the first ones was reached says nothing."""
+    run = noisy(np.random.default_rng(1), "step 1 V delay=1 s", outputs=("current",), duration=20.0, rate=20.0)
+    estimate = solved(identify(load_actuator("friend-2"), run))
+    problem, solution = estimate.problem, estimate.solution
+    other = problem.with_noise({key: 2.0 * noise for key, noise in problem.noise.items()})
+    left = replace(solution, evaluation=other.evaluate(solution.theta), converged=False, message="left")
+    found = weigh(other, left)[1]
+    assert found.converged
+    assert found.message != "left"
+    np.testing.assert_allclose(found.theta, solution.theta, atol=1e-9)
+    # Under the same weights nothing has been searched again.
+    assert not weigh(problem, replace(solution, converged=False))[1].converged

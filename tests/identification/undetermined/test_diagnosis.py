@@ -82,3 +82,18 @@ def test_only_a_static_coupling_that_is_known_is_called_known(error: float, is_k
     told = directions(unknowns, np.array([strip[one] for one in names]), found, found, records, strip)
     assert any("only d(0) = K_d Z_d/P_2d" in one.sentence for one in told) == is_known
     assert {name for one in told for name, part in one.coefficients.items() if abs(part) > 0.1} == set(names[:2])
+
+
+def test_a_zero_that_does_not_show_is_no_reason_for_a_circuit_that_is_open() -> None:
+    """A combination of the circuit and the coupling asks for other signals, not for a faster record."""
+    names = ("coupling.gain", "coupling.zero", DC)
+    unknowns = [actuator_unknown(PARAMETERS[one], None) for one in names]
+    values = np.array([FRIEND["coupling.gain"], 1.0, FRIEND[DC]])
+    records = [prepare(simulate(FRIEND, "step 1 V", duration=2.0, rate=20.0), 0, ["current", "force"], ())]
+    row = np.array([0.6, 0.6, 0.5])
+    known = 4.0 * np.outer(row, row) + 1e-6 * np.eye(3)
+    found = Uncertainty(known, known.diagonal(), known, np.zeros((0, 3)), np.ones(3), {}, (), np.full(3, 100.0))
+    of_circuit = [one for one in directions(unknowns, values, found, found, records, FRIEND) if one.coefficients[DC]]
+    assert of_circuit
+    for one in of_circuit:
+        assert "record longer, with steps and slow and fast signals" in one.sentence

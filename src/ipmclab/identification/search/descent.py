@@ -169,8 +169,7 @@ def weigh(problem: Problem, solution: Solution) -> tuple[Problem, Solution]:
         here = problem.weighed(solution.theta, solution.evaluation, noise)
         again = minimum_near(weighed, solution.theta, here)
         spent = again.evaluations + solution.evaluations
-        if not solution.converged:
-            again = replace(again, converged=False, message=solution.message)
+        # Where a search under the weights before was left is only a start: this one has its own end.
         problem, solution = weighed, replace(again, evaluations=spent)
     for _ in range(_WEIGHED_AGAIN):
         solution = settled(problem, solution)

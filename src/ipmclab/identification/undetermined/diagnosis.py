@@ -200,7 +200,13 @@ def _sentence(coefficients: Mapping[str, float], error: float, records: Sequence
     own = {"" if (kind := kind_of(name)) is None else kind.to_determine for name in large}
     if len(own) == 1 and (cure := own.pop()):
         return f"{what}; {cure}"
-    return f"{what}; {_cure({name.split('[')[0] for name in moved if abs(coefficients[name]) > 0.01}, records)}"
+    # An edge that follows what else is open is no reason for it.
+    asked = [
+        name
+        for name in moved
+        if name in large or (abs(coefficients[name]) > 0.01 and not name.startswith("observation."))
+    ]
+    return f"{what}; {_cure({name.split('[')[0] for name in asked}, records)}"
 
 
 def _cure(moved: set[str], records: Sequence[PreparedRun]) -> str:
@@ -209,8 +215,8 @@ def _cure(moved: set[str], records: Sequence[PreparedRun]) -> str:
     series = moved & set(SERIES)
     if "observation.delay" in moved:
         return (
-            'say in the import map how the voltage went between two rows (hold = "zero" where it stepped, "first" '
-            "where it moved straight), or give runs that show the rows before and after each edge"
+            'state hold in the import map ("zero" where the voltage steps from row to row, "first" where it moves '
+            "straight), or give runs that show the rows before and after each edge"
         )
     if len(series) == 2:
         return "sheet and contact resistance lie in series: fix one of them at a measured value"
@@ -226,7 +232,7 @@ def _cure(moved: set[str], records: Sequence[PreparedRun]) -> str:
         return f"only the product of d and Young's modulus is determined: add runs with {missing}, or fix beam.modulus"
     if moved & {"beam.density", "beam.modulus", "beam.damping_ratio"}:
         return "record displacement fast enough to see the beam ring, or fix the beam at measured values"
-    if moved & {"coupling.gain", "coupling.zero"} == {"coupling.gain", "coupling.zero"}:
+    if {"coupling.gain", "coupling.zero"} <= moved and not circuit:
         return "record faster, so that the zero shows, or fix coupling.zero"
     if {name.split(".")[0] for name in moved} == {"geometry"}:
         return "fix the dimensions at measured values"
