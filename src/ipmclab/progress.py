@@ -25,7 +25,9 @@ class _Teller:
         self._ticks, self._usual = 0, 1
         self._fraction = 0.0
         self._told = -math.inf
+        self._aside = ""
         self._ended: BaseException | None = None
+        self._owed = False
 
     def stage(self, sentence: str, begin: float, end: float, usual: int) -> None:
         self._sentence, self._begin, self._end = sentence, begin, end
@@ -38,18 +40,29 @@ class _Teller:
             self._say()
 
     def aside(self, sentence: str) -> None:
-        if self._ended is None:
-            try:
-                self._tell(sentence, self._fraction)
-            except Exception as error:
-                self._ended = error  # raised by the next tick: who says something aside can be ended nowhere
+        if self._ended is not None or (sentence == self._aside and time.monotonic() - self._told < _PERIOD):
+            return
+        self._told, self._aside = time.monotonic(), sentence
+        try:
+            self._tell(sentence, self._fraction)
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:
+            # Raised by the next tick, or at the end: who says something aside can be ended nowhere.
+            self._ended, self._owed = error, True
+
+    def pay(self) -> None:
+        """Raise what was raised aside and has reached nobody yet."""
+        if self._owed and self._ended is not None:
+            raise self._ended
 
     def _say(self) -> None:
         if self._ended is not None:  # what was ended stays ended, whoever caught it on its way
+            self._owed = False
             raise self._ended
         done = -math.expm1(-self._ticks / self._usual)
         self._fraction = max(self._fraction, self._begin + done * (self._end - self._begin))
-        self._told = time.monotonic()
+        self._told, self._aside = time.monotonic(), ""
         try:
             self._tell(self._sentence, self._fraction)
         except KeyboardInterrupt:
@@ -82,9 +95,11 @@ def telling(tell: Tell | None) -> Iterator[None]:
     if tell is None:
         yield
         return
-    teller, part = _teller.set(_Teller(tell)), _part.set(("", 0.0, 1.0))
+    own = _Teller(tell)
+    teller, part = _teller.set(own), _part.set(("", 0.0, 1.0))
     try:
         yield
+        own.pay()
     finally:
         _teller.reset(teller)
         _part.reset(part)

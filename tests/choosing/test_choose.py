@@ -235,8 +235,17 @@ def test_where_the_criteria_say_otherwise_that_is_said() -> None:
         replace(one, aic=0.0 if one.name == "branches=2" else ipmclab.choosing.choice.SUPPORTED + 0.5, bic=1.0)
         for one in choice.ranked
     ]
-    (said,) = [text for text in replace(choice, candidates=tuple(turned)).sentences if "least for" in text]
-    assert said.startswith("AIC is least for branches=2: it says how well")
+    named = {one.name: one for one in turned}
+    for order, why in (
+        (("branches=1", "branches=2"), "AIC is least for branches=2: it says how well"),
+        (
+            ("branches=2", "branches=1"),
+            "AIC is least for branches=2, which also predicted best: branches=1 is preferred only",
+        ),
+    ):
+        other = replace(choice, candidates=tuple(named[name] for name in order))
+        (said,) = [text for text in other.sentences if "least for" in text]
+        assert said.startswith(why)
 
 
 def test_the_best_of_some_models_need_not_be_complete() -> None:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import ast
 import os
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from ipmclab.model.numerics.compiled import cache_folder, kernel
+import ipmclab
+from ipmclab.model.numerics.compiled import cache_folder, kernel, sources
 
 PROGRAM = """
 from ipmclab.model.numerics.compiled import kernel
@@ -67,3 +69,19 @@ def test_threads_that_compile_at_once_all_keep_their_code_where_it_belongs() -> 
         folders = set(pool.map(folder_of, range(400)))
     assert len(folders) == 1
     assert next(iter(folders)).startswith(str(cache_folder()))
+
+
+def test_whatever_a_kernel_takes_from_the_package_is_in_the_name_of_its_cache() -> None:
+    """Numba freezes constants into a kernel: one that changes alone must start a fresh cache."""
+    known = {source.resolve() for source in sources()}
+    package = Path(ipmclab.__file__).parent
+    own = [source for source in known if source.name == "kernels.py" or source.name.endswith("_loop.py")]
+    assert len(own) > 20
+    for source in own:
+        for node in ast.walk(ast.parse(source.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("ipmclab."):
+                place = package.joinpath(*str(node.module).split(".")[1:])
+                files = [place / name.name for name in node.names] if place.is_dir() else [place]
+                taken = {file.with_suffix(".py").resolve() for file in files}
+                taken -= {package / "model/numerics/compiled.py"}
+                assert taken <= known, f"{source.name} takes from {node.module}"

@@ -78,7 +78,7 @@ def boundaries(record: PreparedRun, count: int) -> list[int]:
     rows = len(record.run)
     used = np.any([reading.exact for reading in record.readings.values()], axis=0)
     shares = [used.astype(np.float64), _movement(record, count), _settling(record, used)]
-    reached = np.cumsum(np.mean([one / one.sum() for one in shares if one.any()], axis=0))
+    reached = np.cumsum(np.sum([one / one.sum() for one in shares if one.any()] or [np.ones(rows)], axis=0))
     inner = np.searchsorted(reached, reached[-1] * np.arange(1, count) / count) + 1
     edges = [0]
     held = np.concatenate([[0], np.cumsum(used)])

@@ -179,7 +179,7 @@ class Choice(Shown):
         return tuple(lines)
 
     def _by_criteria(self) -> list[str]:
-        """Where AIC or BIC would prefer another model by more than nothing."""
+        """Where AIC or BIC is clearly less for another model than the preferred one."""
         own = self[self.preferred]
         chosen: dict[str, list[str]] = {}
         for criterion in ("aic", "bic"):
@@ -187,12 +187,17 @@ class Choice(Shown):
             least = min(value, key=lambda name: value[name])
             if value[own.name] - value[least] > SUPPORTED:
                 chosen.setdefault(least, []).append(criterion.upper())
-        return [
-            f"{_listed(criteria)} {'is' if len(criteria) == 1 else 'are'} least for {name}: "
-            f"{'it says' if len(criteria) == 1 else 'they say'} how well a model describes the readings that it was "
-            "fitted to; the order here is that of readings that were held out."
-            for name, criteria in chosen.items()
-        ]
+        lines = []
+        for name, criteria in chosen.items():
+            one = len(criteria) == 1
+            least = f"{_listed(criteria)} {'is' if one else 'are'} least for {name}"
+            lines.append(
+                f"{least}, which also predicted best: {own.name} is preferred only because it has fewer parameters."
+                if name == self.best
+                else f"{least}: {'it says' if one else 'they say'} how well a model describes the readings that it was "
+                "fitted to; the order here is that of readings that were held out."
+            )
+        return lines
 
     def _still_lacking(self) -> list[str]:
         """What the preferred model leaves that is no noise: the best of some models need not be complete."""

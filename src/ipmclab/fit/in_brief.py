@@ -86,7 +86,7 @@ _OF_CURRENT: Final = ("capacitance-out-of-range", "sine-against-step")
 _SHORTEST: Final = 0.6
 """Part of a line that a clause fills before a shorter one is looked for."""
 
-_LEAST: Final = 0.3
+_LEAST: Final = 0.25
 """Part of a line that a clause fills at least: less says nothing."""
 
 _ROOM: Final = WIDTH - 9

@@ -86,7 +86,12 @@ def build_fit(
         interval_of(result.correlated, unknown, place, found, number, float(relative[number]), open_edges=open_edges)
         for number, (place, unknown) in enumerate(problem.asked)
     ]
-    far = [end for one in alone if one.error > DETERMINED for end in one.ends]
+    far = [
+        end
+        for unknown, one in zip(asked, alone, strict=True)
+        if one.error > DETERMINED or is_too_wide(unknown, (one.low, one.high))
+        for end in one.ends
+    ]
     points = _points(result, found, rivals, stated, exact, far)
     beside = _beside_unseen(points)
     apart = {

@@ -59,8 +59,11 @@ class Derived:
     positive: bool = True
 
 
+AT_ONCE: Final = "circuit.high_frequency_resistance"
+"""What the current shows in the moment of an edge."""
+
 DERIVED: Final[Mapping[str, Derived]] = {
-    "circuit.high_frequency_resistance": Derived("high-frequency resistance", RESISTANCE),
+    AT_ONCE: Derived("high-frequency resistance", RESISTANCE),
     "circuit.dc_resistance": Derived("dc resistance", RESISTANCE),
     "circuit.capacitance": Derived("charge stored per volt", CAPACITANCE),
     "circuit.time_constants": Derived("time constant of the current", TIME),
@@ -110,8 +113,8 @@ def quantities_of(
     highest : float [Hz]
         Up to which a bandwidth is sought.
     longest : float [s]
-        How long readings last. A longer time constant is not given; where there is one, neither are the dc resistance
-        and the charge, which show when all of them have passed.
+        How long readings last from the first edge on. A longer time constant is not given; where there is one, neither
+        are the dc resistance and the charge, which show when all of them have passed.
 
     Returns
     -------
@@ -183,7 +186,7 @@ def _of_circuits(circuit: Block, count: int, longest: float) -> list[dict[str, f
     capacitance = -(c @ again)[:, 0, 0]
     found: list[dict[str, float]] = []
     for k in range(count):
-        own = {"circuit.high_frequency_resistance": float(1.0 / d[k])}
+        own = {AT_ONCE: float(1.0 / d[k])}
         if not hidden[k]:
             lags = np.sort(-1.0 / poles[k].real).tolist()
             if not lags or lags[-1] <= longest:

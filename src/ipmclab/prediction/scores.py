@@ -93,7 +93,7 @@ class Score:
         """
         if self.fit_percent is None:
             return ""
-        return f"{self.fit_percent:.{2 if 99.5 <= self.fit_percent < 100.0 else 1}f} %"
+        return f"{self.fit_percent:.{2 if 99.5 <= self.fit_percent < 99.995 else 1}f} %"
 
     def as_dict(self) -> dict[str, float | int | str | None]:
         """The score as ``--json`` prints it."""

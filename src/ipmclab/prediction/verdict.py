@@ -96,7 +96,7 @@ displacement with a fit of 99.0 % and force with a fit of 99.0 %.
         )
         sentences.append(
             f"It does not predict {told}: a constant would have been nearer. The strip or its state was another one "
-            "(water, contact, temperature), or the model holds only for voltages and lengths of its own runs."
+            "(water, contact, temperature), or the model holds only for the voltages and the duration of its own runs."
         )
     if fresh and not (predicted or missed):
         sentences.append(f"Nothing could be scored in {_runs(fresh)} that the model never saw.")

@@ -69,15 +69,19 @@ def test_no_run_is_asked_for_with_what_the_runs_have(lacks: tuple[str, ...], cur
     assert ("with a known coupling" in direction.sentence) == bool(lacks)
 
 
+@pytest.mark.parametrize("fixed", [False, True])
 @pytest.mark.parametrize(("error", "is_known"), [(0.1, True), (3.0, False)])
-def test_only_a_static_coupling_that_is_known_is_called_known(error: float, is_known: bool) -> None:
+def test_only_a_static_coupling_that_is_known_is_called_known(error: float, is_known: bool, fixed: bool) -> None:
     """Gain and zero are free against each other; d(0) has an error of its own."""
-    names = ("coupling.gain", "coupling.zero", "coupling.p2")
+    names: tuple[str, ...] = ("coupling.gain", "coupling.zero", "coupling.p2")
     strip = FRIEND.replace(**{"coupling.zero": 1.0})
     unknowns = [actuator_unknown(PARAMETERS[one], None) for one in names]
     against, together = np.array([1.0, -1.0, 0.0]), np.array([1.0, 1.0, 0.0])
     known = 4.0 * np.outer(against, against) + 0.25 * error**2 * np.outer(together, together) + np.diag([0, 0, 1e-6])
-    found = Uncertainty(known, known.diagonal(), known, np.zeros((0, 3)), np.ones(3), {}, (), np.full(3, 100.0))
+    count = 2 if fixed else 3  # p2 is given, or free and known well
+    names, unknowns, known = names[:count], unknowns[:count], known[:count, :count]
+    null, freedom = np.zeros((0, count)), np.full(count, 100.0)
+    found = Uncertainty(known, known.diagonal(), known, null, np.ones(count), {}, (), freedom)
     records = [prepare(simulate(FRIEND, "step 1 V", duration=2.0, rate=20.0), 0, ["force"], ())]
     told = directions(unknowns, np.array([strip[one] for one in names]), found, found, records, strip)
     assert any("only d(0) = K_d Z_d/P_2d" in one.sentence for one in told) == is_known

@@ -61,6 +61,18 @@ def test_what_shows_after_the_record_is_not_known_from_it() -> None:
     assert ELECTRICAL - shorter == {"circuit.dc_resistance", "circuit.capacitance", "circuit.time_constants.1"}
 
 
+@pytest.mark.parametrize("order", [(12.0, 60.0), (60.0, 12.0)])
+def test_what_the_longest_of_some_runs_shows_is_known_in_whatever_order_they_come(order: tuple[float, float]) -> None:
+    runs = [simulate(STRIP, "step 1 V", duration=duration, rate=25) for duration in order]
+    assert {one.name for one in identify(STRIP, runs).known} == ELECTRICAL
+
+
+def test_rest_before_the_voltage_shows_no_time_constant() -> None:
+    """20 s, of which 12 s lie after the edge: no more is known than from these."""
+    known = {one.name for one in identify(STRIP, simulate(STRIP, "step 1 V delay=8 s", duration=20.0, rate=50)).known}
+    assert "circuit.time_constants.1" not in known
+
+
 @pytest.mark.parametrize(("slower", "is_missed"), [(1.0, False), (1000.0, True)])
 def test_a_resistance_that_the_peak_contradicts_is_not_known(slower: float, is_missed: bool) -> None:
     """A strip whose branches let hardly any current through, and one of which the fit has the right branches."""

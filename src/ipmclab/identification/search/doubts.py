@@ -24,6 +24,7 @@ FloatArray = npt.NDArray[np.float64]
 _NOTHING: Final = "model-explains-nothing"
 _HALF: Final = 0.5  # of what the readings vary
 _NOISE: Final = 1.3  # times the noise between neighbours: what is left is noise
+_MISSED: Final = 2.0  # times what a circuit can draw: it misses more than half of the largest reading
 _SURELY: Final = 6.0  # times the noise between neighbours: no reading of many lies so far off by chance
 _ENOUGH: Final = 50  # readings from which the noise between neighbours is known
 
@@ -143,14 +144,14 @@ def contradicted_currents(problem: Problem, solution: Solution, record: Prepared
             )
         ]
     most = swing / (parts.series + 1.0 / (1.0 / parts.leak + float(np.sum(1.0 / parts.resistances))))
-    if structure.leak or read <= most / _HALF:
+    if structure.leak or read <= _MISSED * most:
         return []
     return [
         Finding(
             "inrush-missed",
             "warning",
-            f"{reaches}and the fitted circuit draws {1e3 * most:.4g} mA at most: it does not follow the first moments "
-            "after an edge",
+            f"{reaches}and the fitted circuit draws {1e3 * most:.4g} mA at most: it misses the largest readings, "
+            "mostly the first after an edge",
             "fit the circuit to the current alone (--free electrical), then the rest with the circuit fixed; or give "
             "the circuit another branch",
             channel="current",

@@ -130,7 +130,7 @@ def _from_its_bound(correlated: Correlated, unknown: Unknown, place: int, height
     """The interval of a parameter that went to where the search ends: from there to where the readings object.
 
     At its bound it is not felt, so that no curvature says how far it may come back. How much the noise moves the
-    readings along the way is asked where the way ends.
+    readings along the way is asked where the way ends. Fixed values are taken as exact.
     """
     problem, solution = correlated.problem, correlated.solution
     entry = float(solution.theta[place])

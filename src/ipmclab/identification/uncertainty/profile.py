@@ -176,7 +176,7 @@ class Walk:
         bound = (self._problem.upper if self._side > 0 else self._problem.lower)[self._place]
         last = min(self._side * (float(bound) - self._middle) * (1.0 - 1e-3), self._farthest)
         onward = (height - near.height) / max(slope, 0.2 * height / max(away, self._error))
-        # A plain that goes on beyond a factor of a thousand is crossed in steps that double.
+        # A plateau that goes on beyond a factor of a thousand is crossed in steps that double.
         longest = max(_LONGEST_STEP, away - _FARTHEST)
         trial = away + min(max(onward, 0.1 * away), longest)
         if trial < last:

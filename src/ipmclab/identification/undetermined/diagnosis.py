@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Final
@@ -20,6 +21,7 @@ from ipmclab.model import Actuator
 from ipmclab.model.declared import is_of_circuit
 from ipmclab.model.kinds import kind_of
 from ipmclab.model.stages.circuit import SERIES
+from ipmclab.model.stages.coupling import STATIC
 from ipmclab.run import FloatArray
 from ipmclab.ties import largest_first, names_by_size, upright
 
@@ -216,7 +218,7 @@ def _cure(moved: set[str], records: Sequence[PreparedRun]) -> str:
     if "observation.delay" in moved:
         return (
             'state hold in the import map ("zero" where the voltage steps from row to row, "first" where it moves '
-            "straight), or give runs that show the rows before and after each edge"
+            "linearly), or give runs that show the rows before and after each edge"
         )
     if len(series) == 2:
         return "sheet and contact resistance lie in series: fix one of them at a measured value"
@@ -276,10 +278,10 @@ def _gain_against_zero(
 
 def _static(names: Sequence[str], values: Mapping[str, float], found: Uncertainty, exact: Sequence[str]) -> str:
     """d(0) in numbers, where all of it is free and nothing else can move it, and on what that error leans."""
-    weights = _static_weights(names)
-    if not weights.any() or np.any(np.abs(found.null @ weights) > MOVED):
-        return ""
     error = _error_of_static(names, found)
+    if not set(STATIC) <= set(names) or math.isinf(error):
+        return ""
+    weights = np.array([STATIC.get(name, 0.0) for name in names])
     level = values["coupling.gain"] * values["coupling.zero"] / values["coupling.p2"]
     leans = [name for name in exact if abs(float(weights @ found.leverage[name])) > error]
     beside = f", with {' and '.join(leans)} taken as exact" if leans else ""
@@ -287,15 +289,11 @@ def _static(names: Sequence[str], values: Mapping[str, float], found: Uncertaint
 
 
 def _error_of_static(names: Sequence[str], found: Uncertainty) -> float:
-    """Standard error of the logarithm of d(0), as far as what is free moves it."""
-    weights = _static_weights(names)
-    return float(np.sqrt(np.maximum(weights @ found.covariance @ weights, 0.0)))
-
-
-def _static_weights(names: Sequence[str]) -> FloatArray:
-    """How the logarithm of d(0) follows from those of its parameters; not at all where one of these is not free."""
-    signs = {"coupling.gain": 1.0, "coupling.zero": 1.0, "coupling.p2": -1.0}
-    return np.array([signs.get(name, 0.0) if set(signs) <= set(names) else 0.0 for name in names])
+    """Standard error of the logarithm of d(0), as far as what is free moves it; infinite where nothing limits that."""
+    weights = np.array([STATIC.get(name, 0.0) for name in names])
+    if np.any(np.abs(found.null @ weights) > MOVED):
+        return math.inf
+    return math.sqrt(max(float(weights @ found.covariance @ weights), 0.0))
 
 
 def _round_up(rate: float) -> float:

@@ -24,13 +24,13 @@ from ipmclab.identification.search.doubts import largest_current, largest_swing
 from ipmclab.identification.search.valleys import Rival
 from ipmclab.identification.uncertainty.covariance import MOVED, Uncertainty
 from ipmclab.model import Actuator
-from ipmclab.model.quantities import derived, quantities_of_each
-from ipmclab.run import FloatArray
+from ipmclab.model.quantities import AT_ONCE, derived, quantities_of_each
+from ipmclab.quality.record import Record as Checked
+from ipmclab.run import FloatArray, Run
 from ipmclab.ties import largest_first
 
 _STEP: Final = 1e-4  # of an entry, for a derivative: entries are logarithms, or of order one
 _FELT: Final = 1e-6  # part of a quantity that moves with an entry: less is rounding
-_FASTEST: Final = "circuit.high_frequency_resistance"
 _SAME: Final = 1e-9  # part of a value, in which runs agree but for rounding
 
 
@@ -76,15 +76,14 @@ def known_quantities(actuator: Actuator, points: Sequence[Point]) -> tuple[Known
     known : tuple of Known
     """
     found: dict[str, dict[int, Known]] = {}
-    alike: dict[tuple[object, ...], list[Known]] = {}
+    alike: dict[tuple[object, ...], list[PreparedRun]] = {}
     unknowns = [one for one in points[0].problem.unknowns if one.base in actuator.parameter_values]
     for record in points[0].problem.records:
         own = tuple(one.name for one in unknowns if one.belongs_to(record.place))
-        key = own, tuple(record.readings), record.run.rate
-        if key not in alike:
-            alike[key] = _of_run(actuator, points, record)
-        for one in alike[key]:
-            found.setdefault(one.name, {})[record.place] = one
+        alike.setdefault((own, tuple(record.readings), record.run.rate), []).append(record)
+    for together in alike.values():
+        for one in _of_runs(actuator, points, together):
+            found.setdefault(one.name, {}).update({record.place: one for record in together})
     records = points[0].problem.records
     each_its_own = any(not one.belongs_to(record.place) for one in unknowns for record in records)
     told = []
@@ -99,23 +98,30 @@ def known_quantities(actuator: Actuator, points: Sequence[Point]) -> tuple[Known
     return tuple(told)
 
 
-def _of_run(actuator: Actuator, points: Sequence[Point], record: PreparedRun) -> list[Known]:
-    """What is known of one run: its own parameters are in it."""
-    each = [_known_at(point, _Seen(actuator, point.problem, record)) for point in points]
+def _of_runs(actuator: Actuator, points: Sequence[Point], alike: Sequence[PreparedRun]) -> list[Known]:
+    """What is known of runs that share all parameters: what one of them lasts for, and no peak contradicts."""
+    longest = max(_driven_for(record.run) for record in alike)
+    each = [_known_at(point, _Seen(actuator, point.problem, alike[0], longest)) for point in points]
     known = []
     for name, one in each[0].items():
         if any(name not in other for other in each):
             continue
         low = min(other[name].interval[0] for other in each)
         high = max(other[name].interval[1] for other in each)
-        if _is_narrow(name, one.value, low, high) and not (name == _FASTEST and _peak_contradicts(record, low)):
+        if _is_narrow(name, one.value, low, high) and not (name == AT_ONCE and _peak_contradicts(alike, low)):
             known.append(replace(one, interval=(low, high)))
     return known
 
 
-def _peak_contradicts(record: PreparedRun, resistance: float) -> bool:
+def _driven_for(run: Run) -> float:
+    """How long a run lasts from the first edge of its voltage on [s]."""
+    edges = Checked.of(run).edges
+    return float(run.time[-1] - run.time[int(edges[0]) if len(edges) else 0])
+
+
+def _peak_contradicts(records: Sequence[PreparedRun], resistance: float) -> bool:
     """Whether more current was read than a circuit can draw whose high-frequency resistance is so high [ohm]."""
-    return largest_current(record) > largest_swing(record.run.voltage) / resistance
+    return any(largest_current(record) > largest_swing(record.run.voltage) / resistance for record in records)
 
 
 def _is_narrow(name: str, value: float, low: float, high: float) -> bool:
@@ -133,6 +139,7 @@ class _Seen:
     actuator: Actuator
     problem: Problem
     record: PreparedRun
+    longest: float
 
     def at(self, theta: FloatArray, **fixed: float) -> Mapping[str, float]:
         """The parameters for a vector, and for other fixed values."""
@@ -140,9 +147,8 @@ class _Seen:
 
     def quantities(self, points: Sequence[Mapping[str, float]]) -> list[dict[str, float]]:
         """Of each of some sets of parameters."""
-        run = self.record.run
-        longest = float(run.time[-1] - run.time[0])
-        each = quantities_of_each(self.actuator, points, tuple(self.record.readings), 0.5 * run.rate, longest)
+        read, highest = tuple(self.record.readings), 0.5 * self.record.run.rate
+        each = quantities_of_each(self.actuator, points, read, highest, self.longest)
         # A capacitance of rounding alone, a resistance of none: no logarithm.
         return [
             {

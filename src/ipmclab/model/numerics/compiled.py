@@ -30,18 +30,22 @@ _one_at_a_time: Final = threading.RLock()
 
 
 class _Compiling(event.Listener):
-    """Whoever waits is told that it is the compiler: half a minute that a machine spends once."""
+    """Whoever waits for a kernel of this package is told so: half a minute, mostly spent once on a machine."""
 
-    def on_start(self, event: object) -> None:  # noqa: ARG002
-        aside("compiling the model, once on this machine")
+    def on_start(self, event: Any) -> None:
+        function = getattr((event.data or {}).get("dispatcher"), "py_func", None)
+        if getattr(function, "__module__", "").startswith("ipmclab."):
+            aside("compiling the model, once on this machine")
 
-    def on_end(self, event: object) -> None:
+    def on_end(self, event: Any) -> None:
         """Said by the next tick."""
 
 
 event.register("numba:compile", _Compiling())  # type: ignore[no-untyped-call]
 
 _PACKAGE = Path(__file__).resolve().parents[2]
+_TAKEN: Final = ("normal_equations.py", "model/blocks.py", "model/environment/path.py", "model/numerics/course.py")
+"""Files of constants and tuples that kernels take."""
 
 
 def _user_cache() -> Path:
@@ -55,11 +59,17 @@ def _user_cache() -> Path:
     return Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "ipmclab"
 
 
+def sources() -> list[Path]:
+    """The files whose code or constants a kernel holds: where it stands, and what it takes from elsewhere."""
+    kernels = [*_PACKAGE.rglob("kernels.py"), *_PACKAGE.rglob("*_loop.py")]
+    return sorted([*kernels, *(_PACKAGE / name for name in _TAKEN)])
+
+
 @cache
 def cache_folder() -> Path:
-    """The cache folder of this version of the kernels (every ``kernels.py`` and ``*_loop.py`` in the package)."""
+    """The cache folder of this version of the kernels."""
     digest = hashlib.sha256(numba.__version__.encode())
-    for source in sorted([*_PACKAGE.rglob("kernels.py"), *_PACKAGE.rglob("*_loop.py")]):
+    for source in sources():
         digest.update(source.read_bytes())
     return _user_cache() / f"kernels-{digest.hexdigest()[:16]}"
 
