@@ -165,17 +165,7 @@ def uncertainty(correlated: Correlated, fixed: Mapping[str, Mapping[str, float]]
         covariance = covariance + passed_on @ together.reshape(len(fixed), len(fixed)) @ passed_on.T
     zero = frozenset(name for name in names if problem.base[name] == 0.0)
     return Uncertainty(
-        covariance,
-        of_readings,
-        plain,
-        directions[~seen],
-        singular,
-        leverage,
-        coloured,
-        freedom,
-        growing,
-        slopes,
-        zero,
+        covariance, of_readings, plain, directions[~seen], singular, leverage, coloured, freedom, growing, slopes, zero
     )
 
 
