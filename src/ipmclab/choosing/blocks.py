@@ -106,6 +106,7 @@ def _movement(record: PreparedRun, count: int) -> FloatArray:
 def _settling(record: PreparedRun, used: npt.NDArray[np.bool_]) -> FloatArray:
     """By how much each usable row lengthens the logarithm of the time since the last edge."""
     grown = np.zeros(len(used))
-    for start, stop in pairwise([*Record.of(record.run).edges.tolist(), len(used)]):
+    own = Record.of(record.run)
+    for start, stop in zip(own.edges.tolist(), own.ends.tolist(), strict=True):
         grown[start:stop] = 1.0 / np.arange(1, stop - start + 1)
     return grown * used

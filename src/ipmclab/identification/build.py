@@ -86,13 +86,7 @@ def build_fit(
         interval_of(result.correlated, unknown, place, found, number, float(relative[number]), open_edges=open_edges)
         for number, (place, unknown) in enumerate(problem.asked)
     ]
-    far = [
-        end
-        for unknown, one in zip(asked, alone, strict=True)
-        if one.error > DETERMINED or is_too_wide(unknown, (one.low, one.high))
-        for end in one.ends
-    ]
-    points = _points(result, found, rivals, stated, exact, far)
+    points = _points(result, found, rivals, stated, exact, [end for one in alone for end in one.ends])
     beside = _beside_unseen(points)
     apart = {
         unknown.name

@@ -23,6 +23,17 @@ ROUNDING: Final = 1e-9
 """A residual below this part of the output's range is arithmetic: what it remembers says nothing of the model."""
 
 
+def fit_in_words(percent: float) -> str:
+    """A fit as a percentage, with one decimal; two where it is nearly perfect.
+
+    Examples
+    --------
+    >>> fit_in_words(98.76), fit_in_words(99.96), fit_in_words(100.0)
+    ('98.8 %', '99.96 %', '100.0 %')
+    """
+    return f"{percent:.{2 if 99.5 <= percent < 99.995 else 1}f} %"
+
+
 @dataclass(frozen=True)
 class Score:
     """One output of one run, or of several runs together, predicted against measured.
@@ -84,16 +95,8 @@ class Score:
 
     @property
     def fit_text(self) -> str:
-        """The fit as a percentage, with one decimal; two where it is nearly perfect.
-
-        Examples
-        --------
-        >>> Score("current", 100, 0, 99.96).fit_text
-        '99.96 %'
-        """
-        if self.fit_percent is None:
-            return ""
-        return f"{self.fit_percent:.{2 if 99.5 <= self.fit_percent < 99.995 else 1}f} %"
+        """The fit in words; empty where there is none."""
+        return "" if self.fit_percent is None else fit_in_words(self.fit_percent)
 
     def as_dict(self) -> dict[str, float | int | str | None]:
         """The score as ``--json`` prints it."""

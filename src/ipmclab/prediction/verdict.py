@@ -12,7 +12,7 @@ from ipmclab.fit.fit_file import fit_of
 from ipmclab.identification.environment.remarks import EXTRAPOLATED
 from ipmclab.model import Actuator
 from ipmclab.prediction.open_coupling import NOT_IDENTIFIED
-from ipmclab.prediction.scores import score
+from ipmclab.prediction.scores import fit_in_words, score
 from ipmclab.prediction.validate import RunValidation, Validation
 from ipmclab.units import CHANNELS
 
@@ -38,7 +38,7 @@ class Verdict:
     sentences: tuple[str, ...]
 
 
-def verdict_of(validation: Validation, percent: Callable[[float], str] = "{:.1f} %".format) -> Verdict:
+def verdict_of(validation: Validation, percent: Callable[[float], str] = fit_in_words) -> Verdict:
     """What a validation says of the runs that its actuator was not identified from.
 
     Displacement and force that rest on a coupling which no fit gave are not judged.

@@ -178,6 +178,11 @@ class Record:
         """Whether there is any voltage."""
         return bool(np.abs(self.run.voltage).max() > NO_VOLTAGE)
 
+    @property
+    def first_edge(self) -> int:
+        """The row of the first edge; 0 where there is none."""
+        return int(self.edges[0]) if len(self.edges) else 0
+
     @cached_property
     def ends(self) -> IntArray:
         """The row at which the stretch after each edge ends: the next edge, or the end of the record."""

@@ -64,7 +64,7 @@ def check_together(runs: Sequence[Run]) -> tuple[Finding, ...]:
 def _compare(first: int, one: Record, second: int, other: Record) -> list[Finding]:
     if not one.excited or not other.excited or abs(one.period / other.period - 1.0) > 1e-3:
         return []
-    starts = [_start(one), _start(other)]
+    starts = [one.first_edge, other.first_edge]
     lead = min(starts[0], starts[1])
     begins = [start - lead for start in starts]
     rows = min(len(one) - begins[0], len(other) - begins[1])
@@ -99,10 +99,6 @@ def _name(record: Record, place: int) -> str:
     mounting = f"mounting {about.mounting_id}" if about.mounting_id else ""
     text = ", ".join(filter(None, (record.run.name, mounting)))
     return f"run {place} ({text})" if text else f"run {place}"
-
-
-def _start(record: Record) -> int:
-    return int(record.edges[0]) if len(record.edges) else 0
 
 
 def _from_rest(record: Record, name: str, begin: int, lead: int, stop: int) -> FloatArray:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from ipmclab.prediction.scores import fit_in_words
 from ipmclab.units import Quantity
 
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
@@ -150,7 +151,7 @@ def _minus(text: str) -> str:
 
 
 def percent(value: float | None) -> str:
-    r"""A fit as a percentage, with one decimal; two where it is nearly perfect.
+    r"""A fit in the words of ``fit_in_words``, as typography has them; a dash where there is none.
 
     Examples
     --------
@@ -159,4 +160,4 @@ def percent(value: float | None) -> str:
     """
     if value is None or not math.isfinite(value):
         return "–"
-    return f"{_fixed(value, 2 if 99.5 <= value < 100.0 else 1)}{NO_BREAK}%"
+    return _minus(fit_in_words(value)).replace(" ", NO_BREAK)

@@ -47,7 +47,7 @@ class Interval:
         Standard error of the entry towards the side on which the likelihood falls faster: of its
         logarithm. Infinite where a side is open, where the profile was not followed, and for what is no logarithm.
     ends : tuple of float array, shape (n_unknown,)
-        All entries where a profile that was followed ends, every fixed value exact.
+        All entries where the profile of what is not determined ends, every fixed value exact.
     """
 
     low: float
@@ -108,12 +108,13 @@ def interval_of(
     tails = _TAILS if level < _SURE_AT_LIMITS else (1.0 - level,)
     down, up = _shortest(walks, freedom, wider, tails)
     low, high = beside_bounds(unknown, entry - down, entry + up)
+    is_open = not unknown.log or math.isinf(down) or math.isinf(up)
+    nearer = math.inf if is_open else min(walk.crossed(wider) for walk in walks)
+    if nearer <= DETERMINED and not is_too_wide(unknown, (low, high)):
+        return Interval(low, high, nearer)
     # What else is uncertain (a fixed value) does not move along the profile.
     height = float(stdtrit(freedom, 1.0 - 0.5 * _LEFT_OUT)) * math.sqrt(max(found.of_readings[number] / plain, 1.0))
-    ends = tuple(walk.end(walk.distance(height)) for walk in walks)
-    if not unknown.log or math.isinf(down) or math.isinf(up):
-        return Interval(low, high, ends=ends)
-    return Interval(low, high, min(walk.crossed(wider) for walk in walks), ends)
+    return Interval(low, high, nearer, tuple(walk.end(walk.distance(height)) for walk in walks))
 
 
 def _hopeless(problem: Problem) -> float:

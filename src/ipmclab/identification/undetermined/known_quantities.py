@@ -115,8 +115,7 @@ def _of_runs(actuator: Actuator, points: Sequence[Point], alike: Sequence[Prepar
 
 def _driven_for(run: Run) -> float:
     """How long a run lasts from the first edge of its voltage on [s]."""
-    edges = Checked.of(run).edges
-    return float(run.time[-1] - run.time[int(edges[0]) if len(edges) else 0])
+    return float(run.time[-1] - run.time[Checked.of(run).first_edge])
 
 
 def _peak_contradicts(records: Sequence[PreparedRun], resistance: float) -> bool:
