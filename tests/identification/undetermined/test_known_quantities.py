@@ -93,6 +93,23 @@ def test_a_resistance_that_the_peak_contradicts_is_not_known(slower: float, is_m
         assert found[0].values["largest"] == pytest.approx(float(drawn[0]), rel=1e-6)
 
 
+@pytest.mark.parametrize("seed", [3, 6, 12])
+def test_a_coupling_whose_zero_does_not_show_keeps_its_static_value(seed: int) -> None:
+    """The profile of its slow pole ends at a doublet slower than the record: that says nothing of d(0) within it."""
+    runs = []
+    for place, signal in enumerate(("step 1 V", "sine 1 V 0.1 Hz")):
+        clean = simulate(STRIP, signal, duration=40.0, rate=50.0, hold="zero")
+        assert clean.force is not None
+        read = clean.force + 1e-4 * np.random.default_rng([seed, place]).standard_normal(len(clean))
+        runs.append(Run.from_arrays(time=clean.time, voltage=clean.voltage, force=read, hold="zero"))
+    fit = identify(STRIP, runs, free="coupling")
+    assert not any(one.determined for one in fit.parameters.values())
+    (static,) = [one for one in fit.known if one.name == "coupling.static"]
+    assert static.interval[1] / static.interval[0] < 1.05
+    truth = quantities_of(STRIP, ["force"], 10.0)["coupling.static"]
+    assert static.value == pytest.approx(truth, rel=0.01)
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_a_quantity_is_not_known_where_an_open_parameter_moves_it(seed: int) -> None:
     """A second branch whose capacitance may be anything from there on: the charge is not known, the resistance is."""

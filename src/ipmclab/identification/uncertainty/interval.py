@@ -18,7 +18,7 @@ from ipmclab.identification.search.descent import shorter
 from ipmclab.identification.search.valleys import Rival
 from ipmclab.identification.uncertainty.covariance import Uncertainty
 from ipmclab.identification.uncertainty.profile import Walk
-from ipmclab.model.declared import is_curved, is_of_leak
+from ipmclab.model.declared import is_curved, is_of_circuit, is_of_leak
 from ipmclab.run import FloatArray
 
 _CURVED: Final = 0.05  # standard error of a logarithm above which the likelihood's profile is followed
@@ -47,7 +47,8 @@ class Interval:
         Standard error of the entry towards the side on which the likelihood falls faster: of its
         logarithm. Infinite where a side is open, where the profile was not followed, and for what is no logarithm.
     ends : tuple of float array, shape (n_unknown,)
-        All entries where the profile of what is not determined ends, every fixed value exact.
+        All entries where the profile of an undetermined parameter of the circuit ends, every fixed value exact. That of
+        a coupling ends at a zero beside a pole slower than every record; d(0) is a product of powers and needs none.
     """
 
     low: float
@@ -110,7 +111,8 @@ def interval_of(
     low, high = beside_bounds(unknown, entry - down, entry + up)
     is_open = not unknown.log or math.isinf(down) or math.isinf(up)
     nearer = math.inf if is_open else min(walk.crossed(wider) for walk in walks)
-    if nearer <= DETERMINED and not is_too_wide(unknown, (low, high)):
+    is_known = nearer <= DETERMINED and not is_too_wide(unknown, (low, high))
+    if is_known or not is_of_circuit(unknown.base):
         return Interval(low, high, nearer)
     # What else is uncertain (a fixed value) does not move along the profile.
     height = float(stdtrit(freedom, 1.0 - 0.5 * _LEFT_OUT)) * math.sqrt(max(found.of_readings[number] / plain, 1.0))

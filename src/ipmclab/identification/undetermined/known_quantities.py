@@ -3,7 +3,7 @@
 A quantity g of the parameters has, to first order, the variance of its gradient under their covariance, on the scale of
 its logarithm where it cannot be negative. It is said to be known only where no direction about which the readings say
 nothing moves it, where other fits as good agree on it, and where its error is that of a parameter that is determined.
-Its interval holds the values that it has where the profile of a parameter that is not determined ends.
+Its interval holds the values that it has where the profile of a parameter of the circuit that is not determined ends.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class Point:
     rivals : sequence of Rival
         Other fits as good.
     ends : sequence of float array, shape (n,)
-        Where the profiles of parameters end that are not determined: so far from the fit no gradient leads.
+        Where the profiles of parameters of the circuit end that are not determined: so far no gradient leads.
     """
 
     problem: Problem
