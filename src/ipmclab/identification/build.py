@@ -36,7 +36,6 @@ from ipmclab.identification.uncertainty.interval import (
     is_at_bound,
     is_too_wide,
     open_ends,
-    reaches_out,
     with_rivals,
 )
 from ipmclab.identification.uncertainty.known_covariance import Table, covariance_table
@@ -88,11 +87,11 @@ def build_fit(
     ]
     points = _points(result, found, rivals, stated, exact, [end for one in alone for end in one.ends])
     beside = _beside_unseen(points)
-    apart = {
-        unknown.name
+    elsewhere = {
+        unknown.name: [rival for rival in rivals if one.is_left_by(unknown, rival)]
         for unknown, one in zip(asked, alone, strict=True)
-        if any(reaches_out(unknown, (one.low, one.high), rival) for rival in rivals)
     }
+    apart = {name for name, others in elsewhere.items() if others}
     told_twice = apart | {*beside}
     nearer = [math.inf if u.name in told_twice else one.error for u, one in zip(asked, alone, strict=True)]
     sharper = as_determined(found, relative, np.array(nearer))
@@ -106,7 +105,7 @@ def build_fit(
         value = float(values[number])
         # Along an open direction a linear unknown stands at the file's value, which may be its bound.
         at_bound = (unknown.log or math.isfinite(error)) and is_at_bound(unknown, float(solution.theta[place]))
-        others = [(r.entries[unknown.name], r.reach[unknown.name]) for r in rivals if unknown.name in r.entries]
+        others = [(r.entries[unknown.name], r.reach[unknown.name]) for r in elsewhere[unknown.name]]
         is_open = unknown.name in beyond and not at_bound
         first = open_ends(unknown) if is_open else (alone[number].low, alone[number].high)
         interval, agree = with_rivals(unknown, float(solution.theta[place]), first, others)

@@ -13,11 +13,13 @@ from ipmclab import Run, identify, simulate
 from ipmclab.identification.noise.correlate import Correlated
 from ipmclab.identification.noise.growing import Growth
 from ipmclab.identification.problem.problem import Evaluation
-from ipmclab.identification.problem.unknowns import actuator_unknown
+from ipmclab.identification.problem.unknowns import Unknown, actuator_unknown
 from ipmclab.identification.search.solve import Solution
+from ipmclab.identification.search.valleys import Rival
 from ipmclab.identification.uncertainty import covariance as covariance_of
 from ipmclab.identification.uncertainty.covariance import Uncertainty
 from ipmclab.identification.uncertainty.interval import (
+    Interval,
     _shortest,
     as_determined,
     beside_bounds,
@@ -103,7 +105,7 @@ def test_the_shortest_interval_holds_the_truth_as_often_and_is_shorter(sign: flo
     inside, shorter, even = 0, [], []
     for seen in 1.0 + sigma * generator.standard_normal(trials):
         walks = Gain(seen, sigma, sign).walks()
-        down, up = _shortest(walks, 1e6, 1.0, TAILS)
+        (down, up), _ = _shortest(walks, 1e6, 1.0, TAILS)
         middle = sign * math.log(seen)
         inside += middle - down <= 0.0 <= middle + up
         shorter.append(down + up)
@@ -162,23 +164,41 @@ def test_what_is_no_evidence_moves_no_end_of_an_interval() -> None:
         assert drawn.distance(1.96) == pytest.approx(plain.distance(1.96), rel=0.01)
 
 
-@pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_an_interval_is_the_shortest_that_its_profile_allows(sign: float) -> None:
-    """Where one side falls slowly: shorter than between the ends that leave 2.5 % out each."""
-    problem: Any = Gain(1.0, 0.3, sign)
+def _gain_known_to(error: float, sign: float) -> tuple[Interval, Unknown, Any]:
+    problem: Any = Gain(1.0, error, sign)
     problem.unknowns = tuple(SimpleNamespace(base=one.base, beforehand=None) for one in Gain.unknowns)
     problem.base = {}
     theta = np.array([0.0, 0.0])
-    covariance = np.array([[0.09]])
+    covariance = np.array([[error**2]])
     found = Uncertainty(
         covariance, covariance.diagonal(), covariance, np.zeros((0, 1)), np.ones(1), {}, (), np.array([1e6])
     )
     unknown = actuator_unknown(load_actuator("friend-2").parameters()["circuit.branches.0.resistivity"], None)
     solution = Solution(theta, problem.evaluate(theta), True, "", 1)
     correlated = Correlated(problem, solution, solution.evaluation)
-    interval = interval_of(correlated, unknown, 0, found, 0, 0.3, open_edges=False)
+    return interval_of(correlated, unknown, 0, found, 0, error, open_edges=False), unknown, problem
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_an_interval_is_the_shortest_that_its_profile_allows(sign: float) -> None:
+    """Where one side falls slowly: shorter than between the ends that leave 2.5 % out each."""
+    interval, _, problem = _gain_known_to(0.3, sign)
     even = sum(walk.distance(1.96) for walk in problem.walks())
     assert math.log(interval.high / interval.low) < 0.98 * even
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_fit_as_good_that_the_profile_reached_says_nothing_new(sign: float) -> None:
+    """The shortest interval leaves out more on the side that falls slowly: what lies there is allowed all the same."""
+    interval, unknown, problem = _gain_known_to(0.3, sign)
+    even = {side: walk.distance(1.96) for side, walk in zip((-1.0, 1.0), problem.walks(), strict=True)}
+    slow = max(even, key=even.__getitem__)
+    assert math.exp(slow * even[slow]) == pytest.approx(interval.allowed[slow > 0.0], rel=1e-3)
+    assert not interval.low <= math.exp(slow * 0.999 * even[slow]) <= interval.high
+    for part, leaves in ((0.999, False), (1.001, True)):
+        entry = slow * part * even[slow]
+        assert interval.is_left_by(unknown, Rival({unknown.name: entry}, {unknown.name: 0.0})) is leaves
+    assert not interval.is_left_by(unknown, Rival({"another": 9.0}, {"another": 0.0}))
 
 
 @pytest.mark.parametrize(("apart", "same"), [(0.8, True), (0.9, False), (-0.9, False)])

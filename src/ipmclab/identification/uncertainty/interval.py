@@ -49,12 +49,24 @@ class Interval:
     ends : tuple of float array, shape (n_unknown,)
         All entries where the profile of an undetermined parameter of the circuit ends, every fixed value exact. That of
         a coupling ends at a zero beside a pole slower than every record; d(0) is a product of powers and needs none.
+    allowed : tuple of float
+        Values that the profile allows where 2.5 % lie beyond either end, and the interval itself: another fit as good
+        between them says nothing new. Left out: the interval.
     """
 
     low: float
     high: float
     error: float = math.inf
     ends: tuple[FloatArray, ...] = ()
+    allowed: tuple[float, float] = (math.inf, -math.inf)
+
+    def is_left_by(self, unknown: Unknown, rival: Rival) -> bool:
+        """Whether another fit that is as good leaves what this one allows: one within it says nothing new."""
+        if unknown.name not in rival.entries:
+            return False
+        entry, reach = rival.entries[unknown.name], rival.reach[unknown.name]
+        low, high = beside_bounds(unknown, entry - reach, entry + reach)
+        return low < min(self.low, self.allowed[0]) or high > max(self.high, self.allowed[1])
 
 
 def interval_of(
@@ -107,16 +119,17 @@ def interval_of(
     walks = tuple(Walk(*shorter(problem, solution), place, side * math.sqrt(plain)) for side in (-1.0, 1.0))
     wider = math.sqrt(max(variance / plain, 1.0))
     tails = _TAILS if level < _SURE_AT_LIMITS else (1.0 - level,)
-    down, up = _shortest(walks, freedom, wider, tails)
+    (down, up), even = _shortest(walks, freedom, wider, tails)
     low, high = beside_bounds(unknown, entry - down, entry + up)
+    allowed = beside_bounds(unknown, entry - even[0], entry + even[1])
     is_open = not unknown.log or math.isinf(down) or math.isinf(up)
     nearer = math.inf if is_open else min(walk.crossed(wider) for walk in walks)
     is_known = nearer <= DETERMINED and not is_too_wide(unknown, (low, high))
     if is_known or not is_of_circuit(unknown.base):
-        return Interval(low, high, nearer)
+        return Interval(low, high, nearer, allowed=allowed)
     # What else is uncertain (a fixed value) does not move along the profile.
     height = float(stdtrit(freedom, 1.0 - 0.5 * _LEFT_OUT)) * math.sqrt(max(found.of_readings[number] / plain, 1.0))
-    return Interval(low, high, nearer, tuple(walk.end(walk.distance(height)) for walk in walks))
+    return Interval(low, high, nearer, tuple(walk.end(walk.distance(height)) for walk in walks), allowed)
 
 
 def _hopeless(problem: Problem) -> float:
@@ -153,8 +166,10 @@ def _from_its_bound(correlated: Correlated, unknown: Unknown, place: int, height
     return Interval(*beside_bounds(unknown, low, high), ends=(end,))
 
 
-def _shortest(walks: Sequence[Walk], freedom: float, wider: float, tails: Sequence[float]) -> tuple[float, float]:
-    """How far down and up an interval reaches that holds 95 %, the shortest of several that do.
+def _shortest(
+    walks: Sequence[Walk], freedom: float, wider: float, tails: Sequence[float]
+) -> tuple[tuple[float, float], tuple[float, float]]:
+    """How far down and up the shortest interval reaches that holds 95 %, and the one of equal tails.
 
     The root of the excess is distributed as a standard normal (here as Student's t) whatever the parameter is called,
     so any two of its quantiles that leave out 5 % together make an interval. Where the likelihood falls slowly to one
@@ -168,14 +183,14 @@ def _shortest(walks: Sequence[Walk], freedom: float, wider: float, tails: Sequen
 
     even = end(walks[0], tails[0]), end(walks[1], tails[0])
     if len(tails) == 1 or math.isinf(min(even)) or max(even) < _EVEN * min(even):
-        return even
+        return even, even
     turned = even[0] > even[1]
     near, far = walks[::-1] if turned else walks
     pairs = [(end(near, _LEFT_OUT - tail), end(far, tail)) for tail in reversed(tails)]
     nearer, farther = min(pairs, key=sum)
     if math.isinf(farther):
-        return even
-    return (farther, nearer) if turned else (nearer, farther)
+        return even, even
+    return ((farther, nearer) if turned else (nearer, farther)), even
 
 
 def open_ends(unknown: Unknown) -> tuple[float, float]:
@@ -234,15 +249,6 @@ def is_at_bound(unknown: Unknown, entry: float) -> bool:
     """Whether an entry is where the search ends."""
     lower, upper = unknown.limits
     return entry - lower < _AT_LIMIT or upper - entry < _AT_LIMIT
-
-
-def reaches_out(unknown: Unknown, interval: tuple[float, float], rival: Rival) -> bool:
-    """Whether another fit that is as good leaves an interval: one within it says nothing new."""
-    if unknown.name not in rival.entries:
-        return False
-    entry, reach = rival.entries[unknown.name], rival.reach[unknown.name]
-    low, high = beside_bounds(unknown, entry - reach, entry + reach)
-    return low < interval[0] or high > interval[1]
 
 
 def with_rivals(
