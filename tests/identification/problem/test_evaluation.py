@@ -36,6 +36,14 @@ def test_with_fewer_readings_than_unknowns_the_readings_are_met_and_the_rest_is_
         np.testing.assert_allclose(entry_errors(found.evaluation), [0.5, np.inf, np.inf])
 
 
+def test_values_whose_squares_overflow_have_a_triangle_all_the_same() -> None:
+    """A leak of a real record at 3 V, tried far out: a RuntimeWarning (here an error) ended the fit's silence."""
+    rows = np.random.default_rng(20261121).standard_normal((3, 20))
+    large = Evaluation(1e180 * rows)
+    np.testing.assert_allclose(np.abs(large.triangle), 1e180 * np.abs(Evaluation(rows).triangle), rtol=1e-9)
+    assert large.cost == np.inf
+
+
 def test_a_foreign_run_that_begins_at_rest_after_all_is_read_from_rest() -> None:
     """Its start was free in the fit before; its edges still are, and they may lie before its first row."""
     strip = load_actuator("friend-2")

@@ -61,7 +61,8 @@ class Evaluation:
     @cached_property
     def cost(self) -> float:
         """Weighted sum of squares."""
-        return float(self.residual @ self.residual)
+        with np.errstate(over="ignore"):
+            return float(self.residual @ self.residual)
 
     @cached_property
     def triangle(self) -> FloatArray:
@@ -72,14 +73,16 @@ class Evaluation:
         a row that they do not fill is zero.
         """
         products = np.empty((len(self.rows), len(self.rows)))
-        products[:-1] = self.rows[:-1] @ self.rows.T
-        products[-1, :-1] = products[:-1, -1]
-        products[-1, -1] = self.cost
-        size = np.sqrt(np.maximum(products.diagonal(), 1e-300))
-        try:
-            factor = np.linalg.cholesky(products / (size[:, None] * size))
-        except np.linalg.LinAlgError:
-            factor = np.zeros_like(products)
+        # A search may try values at which squares overflow: then there is no factor.
+        with np.errstate(over="ignore", invalid="ignore"):
+            products[:-1] = self.rows[:-1] @ self.rows.T
+            products[-1, :-1] = products[:-1, -1]
+            products[-1, -1] = self.cost
+            size = np.sqrt(np.maximum(products.diagonal(), 1e-300))
+            try:
+                factor = np.linalg.cholesky(products / (size[:, None] * size))
+            except np.linalg.LinAlgError:
+                factor = np.zeros_like(products)
         if factor.diagonal().min() > WELL_APART:
             return np.asarray(factor.T * size)
         from scipy.linalg.lapack import dgeqrf
