@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from ipmclab import Run, identify, load_actuator, simulate
-from ipmclab.identification.noise.at_rest import likelier_with_walk, without_spikes
+from ipmclab.identification.noise.at_rest import is_at_rest_too, is_shown_at_rest, likelier_with_slow, without_spikes
 from ipmclab.model.variants import with_stages
-from ipmclab.statespace.shape import Shape
+from ipmclab.statespace.shape import Shape, drawn
 from ipmclab.statespace.terms import Terms
 
 
@@ -70,9 +70,20 @@ def test_the_likelihood_of_a_walk_is_that_of_its_covariance(walk: float, order: 
         return float((count - 1) * np.log(squares) + np.linalg.slogdet(covariance)[1] + np.log(ones @ inverse @ ones))
 
     noise = Shape(Terms(order=order, walk=True), entries, 1.0)
-    assert likelier_with_walk(noise, rows) == pytest.approx(deviance(still) - deviance(still + walks), rel=1e-9)
+    assert likelier_with_slow(noise, rows) == pytest.approx(deviance(still) - deviance(still + walks), rel=1e-9)
 
 
 @pytest.mark.parametrize("rows", [np.zeros(0), np.zeros(2), np.full(80, 0.3)])
 def test_rows_without_noise_say_nothing_of_a_walk(rows: np.ndarray) -> None:
-    assert likelier_with_walk(Shape(Terms(walk=True), np.zeros(1), 1.0), rows) == 0.0
+    assert likelier_with_slow(Shape(Terms(walk=True), np.zeros(1), 1.0), rows) == 0.0
+
+
+def test_an_autoregression_that_is_slower_than_the_rows_at_rest_has_to_show_there() -> None:
+    """What a model lacks over a minute fades over 10 s; beside white noise five seconds at 0 V do not contradict it."""
+    generator = np.random.default_rng(20261121)
+    slow = Shape(Terms(order=1, white=True), np.array([np.arctanh(0.996), 2.4]), 0.01)
+    white = np.sqrt(0.01 * np.exp(2.0 * 2.4)) * generator.standard_normal((3, 125))
+    assert [is_at_rest_too(slow, rows) for rows in white] == [True] * 3
+    assert is_shown_at_rest([(slow, rows) for rows in white]) is not True
+    fast = Shape(Terms(order=1), np.array([np.arctanh(0.9)]), 1.0 - 0.9**2)
+    assert is_shown_at_rest([(fast, drawn(fast, np.ones(250, dtype=np.int64), generator))]) is True

@@ -37,7 +37,7 @@ def test_with_fewer_readings_than_unknowns_the_readings_are_met_and_the_rest_is_
 
 
 def test_values_whose_squares_overflow_have_a_triangle_all_the_same() -> None:
-    """A leak of a real record at 3 V, tried far out: a RuntimeWarning (here an error) ended the fit's silence."""
+    """Far out in a search for the leak of a real record at 3 V, where the user saw a RuntimeWarning (here an error)."""
     rows = np.random.default_rng(20261121).standard_normal((3, 20))
     large = Evaluation(1e180 * rows)
     np.testing.assert_allclose(np.abs(large.triangle), 1e180 * np.abs(Evaluation(rows).triangle), rtol=1e-9)

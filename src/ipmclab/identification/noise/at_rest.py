@@ -133,8 +133,8 @@ def is_at_rest_too(noise: Shape, left: FloatArray) -> bool | None:
     return bool((structure(noise, lags) <= _TIMES * seen).all())
 
 
-def walks_at_rest(noises: Iterable[tuple[Shape, FloatArray]]) -> bool | None:
-    """Whether rows at 0 V show the walk of an output, in all runs together; None where they do not say.
+def is_shown_at_rest(noises: Iterable[tuple[Shape, FloatArray]]) -> bool | None:
+    """Whether rows at 0 V show what is slow in a noise, in all runs of an output together; None where they do not say.
 
     By Bayes's criterion: the sensor of an output is the same in all its runs.
 
@@ -143,18 +143,20 @@ def walks_at_rest(noises: Iterable[tuple[Shape, FloatArray]]) -> bool | None:
     noises : iterable of (Shape, float array of shape (n_resting,))
         Of each run, what is left by ``left_at_rest``.
     """
-    each = [(likelier_with_walk(noise, left), len(left)) for noise, left in noises if noise.terms.walk]
+    each = [(likelier_with_slow(noise, left), len(left)) for noise, left in noises]
     likelier, penalty = sum(one for one, _ in each), math.log(max(sum(count for _, count in each), 1))
     return None if abs(likelier) <= penalty else likelier > 0.0
 
 
-def likelier_with_walk(noise: Shape, left: FloatArray) -> float:
-    """By how much the deviance (minus twice the log likelihood) of rows at 0 V is lower with the walk of a noise.
+def likelier_with_slow(noise: Shape, left: FloatArray) -> float:
+    """By how much the deviance (minus twice the log likelihood) of rows at 0 V is lower with what is slow in a noise.
+
+    That is its walk; of a noise that does not walk, its autoregression: one that is slower than these rows are long is
+    a walk by another name.
 
     Parameters
     ----------
     noise : Shape
-        With a walk.
     left : float array, shape (n_resting,)
         By ``left_at_rest``, in the unit of the noise.
 
@@ -162,11 +164,12 @@ def likelier_with_walk(noise: Shape, left: FloatArray) -> float:
     --------
     >>> walk = Shape(Terms(walk=True), np.zeros(1), 1.0)
     >>> steps = np.random.default_rng(1).standard_normal((2, 100))
-    >>> likelier_with_walk(walk, steps[0] + np.cumsum(steps[1])) > 0.0, likelier_with_walk(walk, steps[0]) > 0.0
+    >>> likelier_with_slow(walk, steps[0] + np.cumsum(steps[1])) > 0.0, likelier_with_slow(walk, steps[0]) > 0.0
     (True, False)
     """
-    standing = replace(noise.terms, walk=False, offset=True, trend=False)
-    order, count = standing.order, len(left)
+    slow = replace(noise.terms, offset=True, trend=False)
+    fast = replace(slow, walk=False) if slow.walk else Terms(offset=True)
+    count = len(left)
     if count <= CONSTANTS or not np.ptp(left) > 0.0:
         return 0.0
     matrix = np.column_stack([constants(np.arange(count, dtype=np.float64)), left])
@@ -177,8 +180,8 @@ def likelier_with_walk(noise: Shape, left: FloatArray) -> float:
         squares, of_offset = without(products, terms)
         return (count - 1) * math.log(float(squares[-1, -1])) + logarithm + of_offset
 
-    walking = deviance(replace(standing, walk=True), noise.entries)
-    return deviance(standing, np.delete(noise.entries, order)) - walking
+    entries = np.delete(noise.entries, slow.order) if slow.walk else noise.entries[:0]
+    return deviance(fast, entries) - deviance(slow, noise.entries)
 
 
 def without_spikes(time: FloatArray, values: FloatArray, step: float) -> FloatArray:

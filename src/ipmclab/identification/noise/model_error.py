@@ -11,9 +11,9 @@ from collections.abc import Mapping, Sequence
 from ipmclab.identification.noise.at_rest import (
     FEWEST_OF_NOISE,
     is_at_rest_too,
+    is_shown_at_rest,
     left_at_rest,
     slope_at_rest,
-    walks_at_rest,
 )
 from ipmclab.identification.noise.pieces import Key, Piece
 from ipmclab.identification.problem.problem import Evaluation, Problem
@@ -48,7 +48,7 @@ def model_errors(
         for piece in pieces
         if piece.key[1] == "current"
     }
-    walks = walks_at_rest([(shapes[key], rows) for key, rows in left.items()])
+    walks = is_shown_at_rest([(shapes[key], rows) for key, rows in left.items() if shapes[key].terms.walk])
     found = {}
     for piece in pieces:
         key, own = piece.key, piece.allowed

@@ -19,7 +19,7 @@ from typing import Final
 import numpy as np
 
 from ipmclab.confidence import REJECT
-from ipmclab.identification.noise.at_rest import is_at_rest_too, left_at_rest, walks_at_rest
+from ipmclab.identification.noise.at_rest import is_at_rest_too, is_shown_at_rest, left_at_rest
 from ipmclab.identification.noise.correlate import Again, Correlated
 from ipmclab.identification.noise.pieces import Key, System, refine_noise
 from ipmclab.identification.noise.whitening import CorrelatedProblem
@@ -100,9 +100,9 @@ def _are_at_rest_too(under: Correlated, coloured: Sequence[Key]) -> bool | None:
     noises = {key: (under.shapes[key], _left_at_rest(under, key)) for key in coloured}
     sized = {key: is_at_rest_too(*noise) for key, noise in noises.items()}
     answers: list[bool | None] = list(sized.values())
-    walking = [key for key, one in sized.items() if one and under.shapes[key].terms.walk]
-    for output in {output for _, output in walking}:
-        answers.append(walks_at_rest([noises[key] for key in walking if key[1] == output]))
+    shown = [key for key, one in sized.items() if one]
+    for output in {output for _, output in shown}:
+        answers.append(is_shown_at_rest([noises[key] for key in shown if key[1] == output]))
     return False if False in answers else None if None in answers else True
 
 
