@@ -28,7 +28,15 @@ from ipmclab.identification.search.assumed import (
     without_idle,
     zero_kept,
 )
-from ipmclab.identification.search.descent import SHORTLY, minimum, minimum_beside, settled_nearest, to_the_end, weigh
+from ipmclab.identification.search.descent import (
+    SHORTLY,
+    beside_less,
+    minimum,
+    minimum_beside,
+    settled_nearest,
+    to_the_end,
+    weigh,
+)
 from ipmclab.identification.search.doublet import has_doublet
 from ipmclab.identification.search.doubts import contradicted_currents
 from ipmclab.identification.search.lowest import find_minima
@@ -183,9 +191,9 @@ def _without_stages(
     off = {name: value for one in unseen for name, value in one.off.items()}
     columns = [column for column, unknown in enumerate(problem.unknowns) if unknown.name in gone]
     fewer = without_leak(actuator, problem.without(columns, off))
-    theta = np.delete(solution.theta, columns)
-    first = replace(solution, theta=theta, evaluation=fewer.evaluate(theta), evaluations=solution.evaluations + 1)
-    return weigh(fewer, minimum_beside(fewer, first)) if len(theta) else (fewer, first)
+    sizes = {column for column in columns if off.get(problem.unknowns[column].base) == 0.0}
+    first = beside_less(fewer, solution, columns, {column for column in sizes if not problem.unknowns[column].log})
+    return weigh(fewer, minimum_beside(fewer, first)) if len(first.theta) else (fewer, first)
 
 
 def _in_full(problem: Problem, smaller: Problem, solution: Solution) -> Solution:

@@ -47,6 +47,7 @@ class Gain:
     upper = np.array([20.0, 50.0])
     unknowns = (SimpleNamespace(base="coupling.gain"), SimpleNamespace(base="coupling.p1"))
     on_means = None
+    responder = None
 
     def __init__(self, seen: float, sigma: float, sign: float = 1.0, drawn: float = 0.0) -> None:
         self.seen, self.scale, self.sign, self.drawn = seen, sigma / math.sqrt(2.0), sign, drawn

@@ -10,12 +10,13 @@ from ipmclab.confidence import REJECT
 from ipmclab.identification.noise.correlate import Correlated
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.problem.unknowns import Unknown
-from ipmclab.identification.search.descent import minimum_near
+from ipmclab.identification.search.descent import beside_less, minimum_near
 from ipmclab.identification.search.solve import Solution, entry_errors
 from ipmclab.model.declared import has_shape
 from ipmclab.model.kinds import kind_of
 from ipmclab.model.stages.kind import StageKind
 
+_WORSE: Final = 1.05  # times what is left with the stage (rms): who looks at the curve sees no less
 _SURELY: Final = 0.1  # standard error over value of a size that leaves no question
 
 
@@ -59,7 +60,7 @@ def without_unseen(under: Correlated) -> tuple[Unseen, ...]:
                 continue
             smaller, there = _switched_off(problem, solution, columns, sizes)
             chance = _chance(under, solution, there, len(columns))
-            if chance < REJECT:
+            if chance < REJECT or _predicts_less(solution, there, len(columns)):
                 kept.add(name)
             elif worst is None or chance > worst[0]:
                 worst = chance, name, smaller, there
@@ -114,18 +115,34 @@ def _switched_off(
     off = {problem.unknowns[column].base: 0.0 for column in sizes}
     left = [place for place in range(len(problem.unknowns)) if place not in set(columns)]
     smaller = problem.without(columns, off)
-    theta = solution.theta[left]
     if not left:
+        theta = solution.theta[left]
         return smaller, Solution(theta, smaller.evaluate(theta), True, "nothing else is free", 1)
-    return smaller, minimum_near(smaller, theta, evaluations=100)
+    here = beside_less(smaller, solution, columns, {column for column in sizes if not problem.unknowns[column].log})
+    return smaller, minimum_near(smaller, here.theta, here.evaluation, evaluations=100)
+
+
+def _predicts_less(solution: Solution, there: Solution, count: int) -> bool:
+    """Whether the prediction is worse without the stage, by more than white noise feigns.
+
+    Noise that is slow enough describes whatever a stage explains. How sure its parameters are beside that, their
+    intervals say.
+    """
+    worse = there.evaluation.cost > _WORSE**2 * solution.evaluation.cost
+    return worse and _lost_by_chance(solution, there, count, 1.0) < REJECT
 
 
 def _chance(under: Correlated, solution: Solution, there: Solution, count: int) -> float:
     """How often noise alone would lose as much when the stage is left out."""
+    times = under.inflation(there.evaluation.residual - solution.evaluation.residual)
+    return _lost_by_chance(solution, there, count, times)
+
+
+def _lost_by_chance(solution: Solution, there: Solution, count: int, times: float) -> float:
+    """The same where noise moves the readings along the change so many times as much as white noise."""
     from scipy.special import chdtrc
 
     power = solution.evaluation.cost
-    times = under.inflation(there.evaluation.residual - solution.evaluation.residual)
     variance = power / max(len(solution.evaluation.residual) - len(solution.theta), 1) * times
     lost = max(there.evaluation.cost - power, 0.0)
     return float(chdtrc(count, lost / variance)) if variance > 0 else float(lost == 0.0)

@@ -14,6 +14,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from ipmclab.confidence import NORMAL_95
 from ipmclab.fit.observation import Start
 from ipmclab.fit.run_state import RunState
 from ipmclab.model.numerics.drive import Drive
@@ -125,8 +126,8 @@ class PreparedRun:
     series_resistance: float
     unsettled: frozenset[tuple[str, str]] = frozenset()
     """What the sensors may add, such as ("offset", "force"): asked of the readings."""
-    shown: frozenset[tuple[str, str]] = frozenset()
-    """What of that the rows at 0 V show, by themselves: no fit has to ask again."""
+    shown: Mapping[tuple[str, str], float] = field(default_factory=dict)
+    """What of that the rows at 0 V show, by themselves, and how large it may be there [SI]: no fit has to ask again."""
     known_delay: float | None = None
     """What an earlier fit of this run found [s], where the circuit that goes with it stays fixed."""
     known_offset: Mapping[str, float] = field(default_factory=dict)
@@ -221,7 +222,7 @@ def prepare(
     if run.metadata.origin == "simulated":
         unsettled = set()
     shown = {
-        (_BEFORE_STEP[finding.code], str(finding.channel))
+        (_BEFORE_STEP[finding.code], str(finding.channel)): _largest(finding)
         for finding in findings
         if finding.code in _BEFORE_STEP and finding.channel in readings
     }
@@ -232,9 +233,15 @@ def prepare(
         readings,
         _start(run, masks["current"] | (bounds["current"] != 0) if run.current is not None else None),
         shunt,
-        frozenset(unsettled | shown),
-        frozenset(shown),
+        frozenset(unsettled | shown.keys()),
+        shown,
     )
+
+
+def _largest(finding: Finding) -> float:
+    """The size of an offset or a drift that rows at 0 V show, as large as its standard error allows."""
+    shown = float(finding.values[{"offset": "offset", "drift": "slope"}[_BEFORE_STEP[finding.code]]] or 0.0)
+    return abs(shown) + NORMAL_95 * float(finding.values["standard_error"] or 0.0)
 
 
 def noise_only(findings: Sequence[Finding]) -> frozenset[str]:

@@ -96,7 +96,7 @@ class Unknown:
     @property
     def beforehand(self) -> tuple[float, float] | None:
         """Value and standard uncertainty that were known beforehand [SI]; None where that was nothing, or a range."""
-        if self.prior is None or self.base == "observation.delay":
+        if self.prior is None or self.base == "observation.delay" or self.base.startswith("observation.drift."):
             return None
         value = self.value(self.prior[0])
         deviation = self.deviation
@@ -276,17 +276,20 @@ def _of_sensors(free: FreeParameters, records: Sequence[PreparedRun]) -> list[Un
                 if base not in free.observation and (what, output) not in record.unsettled:
                     continue
                 scale = float(np.ptp(reading.values[reading.used])) or 1.0
-                found.append(
-                    Unknown(
-                        f"{base}[{record.place}]",
-                        base,
-                        record.place,
-                        log=False,
-                        scale=scale if what == "offset" else scale / duration,
-                        lower=-math.inf,
-                        upper=math.inf,
-                    )
+                own = Unknown(
+                    f"{base}[{record.place}]",
+                    base,
+                    record.place,
+                    log=False,
+                    scale=scale if what == "offset" else scale / duration,
+                    lower=-math.inf,
+                    upper=math.inf,
                 )
+                largest = record.shown.get((what, output), math.inf)
+                if what == "drift" and record.start == "free" and math.isfinite(largest):
+                    # The strip itself moves in these rows too: its sensor drifts by no more than they do.
+                    own = own.known(0.0, largest / math.sqrt(3.0))
+                found.append(own)
     return found
 
 

@@ -15,7 +15,7 @@ from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.problem.response import CircuitResponder
 from ipmclab.identification.search.as_good import AS_GOOD
 from ipmclab.identification.search.branch_valley import branch_valley
-from ipmclab.identification.search.descent import on_every_row
+from ipmclab.identification.search.descent import on_every_row, shorter
 from ipmclab.identification.search.solve import Pinned, Solution, descend, entry_errors
 from ipmclab.identification.search.starts.start import fastest_rate
 from ipmclab.identification.search.valleys import EVALUATIONS, NEAR, Place
@@ -28,6 +28,7 @@ from ipmclab.model.stages.leak import SLOW_TIME
 FloatArray = npt.NDArray[np.float64]
 
 _WEAK: Final = 0.2  # standard error of a logarithm from which other valleys are looked for
+_SETTLED: Final = 1e-3  # of chi-square: a further step of the others would lower it by less
 _SHARES: Final = (0.01, 0.03, 0.07, 0.15, 0.25, 0.35, 0.45, 0.55, 0.65, 0.75, 0.85, 0.92, 0.96, 0.98, 0.995)
 """Parts of the steady current beside the other branches that the dc path is given, the slowest branch the rest."""
 
@@ -66,20 +67,22 @@ def held_at(problem: Problem, solution: Solution, name: str, values: Sequence[fl
     held = [unknown.name for unknown in problem.unknowns].index(name)
     unknown, own = problem.unknowns[held], float(solution.theta[held])
     entries = sorted(unknown.entry(unknown.inside(value)) for value in values)
-    lowest = np.delete(solution.theta, held)
+    rows, lowest = shorter(problem, solution)
     found = []
     for side in ([e for e in entries if e >= own], [e for e in reversed(entries) if e < own]):
         beside = lowest
         for entry in side:
-            pinned = Pinned(problem.on_means or problem, held, entry)
-            best = descend(pinned, beside, evaluations=EVALUATIONS, tolerance=NEAR)
+            pinned = Pinned(rows, held, entry)
+            settled = _SETTLED * lowest.evaluation.cost / len(lowest.evaluation.residual)
+            best, left = pinned.follow(beside.theta, beside.evaluation, settled)
+            if left > settled:
+                best = descend(pinned, best.theta, best.evaluation, evaluations=EVALUATIONS, tolerance=NEAR)
             if not best.converged:  # lost on the way: from the lowest point once more
-                again = descend(pinned, lowest, evaluations=EVALUATIONS, tolerance=NEAR)
+                again = descend(pinned, np.delete(lowest.theta, held), evaluations=EVALUATIONS, tolerance=NEAR)
                 best = min(best, again, key=lambda one: one.evaluation.cost)
-            beside = best.theta
             errors = np.insert(entry_errors(best.evaluation), held, 0.0)
-            whole = pinned.in_full(best)
-            found.append(Place(whole if problem.on_means is None else on_every_row(problem, whole), errors))
+            beside = pinned.in_full(best)
+            found.append(Place(beside if rows is problem else on_every_row(problem, beside), errors))
     return found
 
 

@@ -12,7 +12,7 @@ from ipmclab.identification.problem.free import FreeParameters
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.problem.record import ASSUMED_REST, PreparedRun
 from ipmclab.identification.problem.unknowns import Unknown
-from ipmclab.identification.search.descent import minimum_beside, weigh
+from ipmclab.identification.search.descent import beside_less, minimum_beside, weigh
 from ipmclab.identification.search.rest import could_be_zero
 from ipmclab.identification.search.solve import Solution
 from ipmclab.run import Finding
@@ -61,8 +61,7 @@ def with_less(problem: Problem, solution: Solution, dropped: Set[int], resting: 
     smaller = Problem(
         problem.base, records, [problem.unknowns[column] for column in kept], problem.responder, problem.noise
     )
-    theta = solution.theta[kept]
-    here = replace(solution, theta=theta, evaluation=smaller.evaluate(theta), evaluations=solution.evaluations + 1)
+    here = beside_less(smaller, solution, sorted(dropped), dropped)
     return weigh(smaller, minimum_beside(smaller, here))
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from typing import Final
 
@@ -25,6 +25,7 @@ from ipmclab.identification.search.solve import (
     settle,
     settled,
     settled_to,
+    with_others,
 )
 from ipmclab.identification.search.valleys import NEAR
 
@@ -122,6 +123,18 @@ def minimum_beside(problem: Problem, near: Solution) -> Solution:
     """The minimum beside a point, with what it took to come there."""
     found = minimum_near(problem, near.theta, near.evaluation)
     return replace(found, evaluations=found.evaluations + near.evaluations)
+
+
+def beside_less(smaller: Problem, solution: Solution, gone: Sequence[int], zero: Collection[int]) -> Solution:
+    """Where to look for the minimum of a problem without some entries: the others follow those that are zero in it."""
+    moved = [-float(solution.theta[place]) if place in zero else 0.0 for place in gone]
+    followed = solution.theta + with_others(solution.evaluation, gone, moved)[0]
+    found = []
+    for theta in (followed, solution.theta):
+        kept = np.clip(np.delete(theta, gone), smaller.lower, smaller.upper)
+        found.append(replace(solution, theta=kept, evaluation=smaller.evaluate(kept)))
+    best = min(found, key=lambda one: one.evaluation.cost)
+    return replace(best, evaluations=solution.evaluations + len(found))
 
 
 def _tolerance(problem: Problem) -> float:

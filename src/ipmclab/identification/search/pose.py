@@ -36,7 +36,8 @@ def problem_at(
         responder = CircuitResponder(actuator.circuit.branches)
     else:
         responder = ActuatorResponder(actuator)
-        near = {**actuator.parameter_values, **point.values}
+        inside = {n: min(max(one, parameters[n].lower), parameters[n].upper) for n, one in point.values.items()}
+        near = {**actuator.parameter_values, **inside}
         for record in records:
             if record.start == "free":
                 responder.prepare(record, near)

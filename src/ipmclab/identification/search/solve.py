@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final, Protocol
 
@@ -29,6 +30,9 @@ MOST_STEPS: Final = 12
 FARTHEST_STEP: Final = 3.0
 NOTHING: Final = 1e-12  # of the cost: a decrease that is rounding
 HARDLY: Final = 1e-9  # of the cost: where it does not fall, a decrease that need not have come
+_MOST_FOLLOWED: Final = 6  # steps of the others after an entry that moved, after which the search takes over
+_PATIENCE: Final = 30  # evaluations in which a cost has to fall by
+_HARDLY_FALLS: Final = 0.1  # of chi-square: a thousandth of what a profile's end is told by is lost in ten such
 _UNFELT: Final = 1e-30  # of the largest derivative: far below the rounding of a sum of squares
 _NEAR: Final = 1e-3  # of a logarithm or a scale: an entry that near to its bound, and pressing on it, is at its bound
 _ASIDE: Final = 1e-6  # so far inside the bound it stays
@@ -66,6 +70,49 @@ class Pinned:
         """Residuals and Jacobian of the others."""
         full = self._whole(np.insert(theta, self._place, self._entry))
         return Evaluation(np.delete(full.rows, self._place, axis=0), full.beforehand)
+
+    def follow(self, theta: FloatArray, here: Evaluation, settled: float) -> tuple[Solution, float]:
+        """The others from a point with another entry, by Gauss-Newton steps as far as these lead.
+
+        Parameters
+        ----------
+        theta : float array, shape (n_unknown,)
+            All entries of a point.
+        here : Evaluation
+            Of the problem there.
+        settled : float
+            The steps end where a further one would lower the cost by less.
+
+        Returns
+        -------
+        found : Solution
+            Of the others, converged where the steps have ended so.
+        promised : float
+            By how much a further step would lower the cost.
+        """
+        # Of what has no bounds (a zero, a slope, a start) the answer is linear: derivatives lead anywhere.
+        lower, upper = self._problem.lower, self._problem.upper
+        farthest = np.where(np.isfinite(upper - lower), FARTHEST_STEP, np.inf)
+        best = theta.copy()
+        best[self._place] = self._entry
+        lowest, left, spent = np.inf, np.inf, 0
+        while spent < _MOST_FOLLOWED:
+            step, _ = with_others(here, [self._place], [self._entry - float(theta[self._place])])
+            theta = theta + step
+            theta[self._place] = self._entry
+            inside = (lower < theta) & (theta < upper)
+            inside[self._place] = True
+            if not inside.all() or (np.abs(step) > farthest).any():
+                break
+            here = self._whole(theta)
+            spent += 1
+            if not here.cost < lowest:
+                break
+            best, lowest, left = theta, here.cost, with_others(here, [self._place], [0.0])[1]
+            if left <= settled:
+                break
+        others = np.delete(best, self._place)
+        return Solution(others, self.evaluate(others), left <= settled, _REASONS[2], spent), left
 
     def in_full(self, solution: Solution) -> Solution:
         """A solution as a point of the problem, with the entry that was held."""
@@ -288,6 +335,27 @@ def least_seen(here: Evaluation, largest: float) -> float:
     return max(STRUCTURAL * max(best, _SHARP), rounding)
 
 
+def with_others(here: Evaluation, places: Sequence[int], moved: Sequence[float]) -> tuple[FloatArray, float]:
+    """The step of all entries as some move by so much, and by how much the others then lower the cost.
+
+    Along directions of which the readings say nothing the others stay.
+    """
+    triangle, right = here.triangle[:, :-1], here.triangle[:, -1]
+    step = np.zeros(triangle.shape[1])
+    step[places] = moved
+    right = right + triangle @ step
+    kept = np.ones(len(step), dtype=bool)
+    kept[places] = False
+    columns = triangle[:, kept]
+    size = np.sqrt((columns * columns).sum(axis=0))
+    size[size == 0.0] = 1.0
+    left, singular, directions = np.linalg.svd(columns / size, full_matrices=False)
+    seen = singular > STRUCTURAL * singular.max(initial=0.0)
+    turned = left.T[seen] @ right
+    step[kept] = -(directions[seen].T @ (turned / singular[seen])) / size
+    return step, float(turned @ turned)
+
+
 def descend(
     problem: Solvable,
     theta: FloatArray,
@@ -333,12 +401,17 @@ def minimise(
     from scipy.optimize import least_squares
 
     kept: dict[bytes, Evaluation] = {} if here is None else {theta.tobytes(): here}
+    lowest: list[tuple[float, FloatArray, Evaluation]] = []
 
     def at(point: FloatArray) -> Evaluation:
         key = point.tobytes()
         if key not in kept:
             kept.clear()
-            kept[key] = problem.evaluate(point)
+            kept[key] = found = problem.evaluate(point)
+            better = not lowest or found.cost < lowest[-1][0]
+            lowest.append((found.cost, point.copy(), found) if better else lowest[-1])
+            if len(lowest) > _PATIENCE and lowest[-_PATIENCE - 1][0] - lowest[-1][0] < _HARDLY_FALLS * _variance(found):
+                raise _HardlyFalls
         return kept[key]
 
     finite = np.isfinite(problem.upper - problem.lower)
@@ -355,19 +428,32 @@ def minimise(
     if not felt.any():
         return Solution(inside, at(inside), True, _REASONS[1], 1)
     # Turned by the Q of its own point, residual and Jacobian are a few rows with the same cost and the same steps.
-    found = least_squares(
-        lambda part: at(whole(part)).triangle[:, -1],
-        inside[felt],
-        jac=lambda part: at(whole(part)).triangle[:, :-1][:, felt],
-        bounds=(problem.lower[felt], problem.upper[felt]),
-        x_scale="jac",
-        ftol=tolerance,
-        xtol=tolerance,
-        gtol=tolerance,
-        max_nfev=evaluations,
-    )
+    try:
+        found = least_squares(
+            lambda part: at(whole(part)).triangle[:, -1],
+            inside[felt],
+            jac=lambda part: at(whole(part)).triangle[:, :-1][:, felt],
+            bounds=(problem.lower[felt], problem.upper[felt]),
+            x_scale="jac",
+            ftol=tolerance,
+            xtol=tolerance,
+            gtol=tolerance,
+            max_nfev=evaluations,
+        )
+    except _HardlyFalls:
+        _, point, here = lowest[-1]
+        return Solution(point, here, True, _REASONS[2], len(lowest))
     point = whole(found.x)
     return Solution(point, at(point), found.status > 0, _REASONS[found.status], int(found.nfev))
+
+
+class _HardlyFalls(Exception):
+    """A search goes along a valley whose floor falls by less than the readings can tell: it has no last step."""
+
+
+def _variance(here: Evaluation) -> float:
+    """Cost of one reading."""
+    return here.cost / max(len(here.residual), 1)
 
 
 def _felt(jacobian: FloatArray) -> npt.NDArray[np.bool_]:

@@ -1,14 +1,14 @@
 """Variable projection: the poles of a response, found from the data alone.
 
 Y(s) = D + sum_j r_j/(s - lambda_j) is linear in D and r for given poles. Only the poles are
-searched, on a logarithmic scale: first over a grid of all pairs, then by damped Gauss-Newton
+searched, on a logarithmic scale: first over the sets of a grid, then by damped Gauss-Newton
 steps. No starting values are needed.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 from itertools import combinations, islice
@@ -26,6 +26,8 @@ FloatArray = npt.NDArray[np.float64]
 
 GRID_POLES: Final = 10  # from the fastest to the slowest that a record can show, at least
 _GRID_STARTS: Final = 4  # no two of them neighbours
+_MOST_SETS: Final = 10_000  # of grid poles that are all tried: up to five poles
+_EXCHANGES: Final = 10  # of each of the poles, where these are more
 _LONGEST_STEP: Final = 1.5  # of a logarithm in one iteration
 _SETTLED: Final = 1e-10  # relative decrease of the cost at which a descent ends
 _UNSEEN: Final = 1e-4  # of the rounding of a cost: a decrease that could not be told from it
@@ -173,6 +175,42 @@ def _choices(grid: int, count: int) -> npt.NDArray[np.intp]:
     return choices
 
 
+Gains = Callable[[npt.NDArray[np.intp]], FloatArray]
+"""How much of the power of the readings each of some sets of places in a grid explains, one a row."""
+
+
+def _exchanged(grid: int, count: int, gains: Gains) -> npt.NDArray[np.intp]:
+    """Sets of so many places by exchange, where there are too many to try each (Miller, Subset Selection, 2002, 3.5).
+
+    The place that explains most is added until there are enough; then each is exchanged for the one that explains most
+    in its stead, until none is. All sets on the way are returned.
+    """
+    every = np.arange(grid)
+    own: list[int] = []
+    tried: list[list[int]] = []
+
+    def best_beside(others: list[int]) -> tuple[int, float]:
+        free = np.setdiff1d(every, others)
+        sets = np.column_stack([np.tile(np.array(others, dtype=np.intp), (len(free), 1)), free])
+        found = gains(sets)
+        if len(others) == count - 1:
+            tried.extend(np.sort(sets, axis=1).tolist())
+        return int(free[np.argmax(found)]), float(found.max())
+
+    while len(own) < count:
+        own.append(best_beside(own)[0])
+    best = -math.inf
+    for _ in range(_EXCHANGES):
+        before = best
+        for _ in range(count):
+            # The first goes and comes back as the last, so that after a round each had its turn.
+            place, best = best_beside(own[1:])
+            own = [*own[1:], place]
+        if not best > before:
+            break
+    return np.unique(np.array(tried, dtype=np.intp), axis=0)
+
+
 def _grid_starts(series: Sequence[SearchedRun], count: int, common: FloatArray) -> Iterator[FloatArray]:
     """A few sets of grid poles, the best first, no two of them neighbours in every pole."""
     grid = pole_grid(series, max(GRID_POLES, 2 * count + 4))
@@ -195,15 +233,19 @@ def _grid_starts(series: Sequence[SearchedRun], count: int, common: FloatArray) 
     products = rows[1:] @ rows.T
     scale = np.sqrt(np.maximum(products[:, 1:].diagonal(), 1e-300))
     gram, right = products[:, 1:] / (scale[:, None] * scale), products[:, 0] / scale
-    choices = _choices(len(grid), count)
-    index = np.empty((len(choices), first + count * width), dtype=np.intp)
-    index[:, :first] = np.arange(first)
-    index[:, first:] = (first + width * choices[:, :, None] + np.arange(width)).reshape(len(choices), -1)
-    # A little of the identity keeps nearly parallel columns from spoiling a choice; the descent is exact.
-    matrices = gram[index[:, :, None], index[:, None, :]] + 1e-10 * np.eye(index.shape[1])
-    vectors = right[index]
-    gains = (vectors * np.linalg.solve(matrices, vectors[:, :, None])[:, :, 0]).sum(axis=1)
-    left = choices[np.argsort(-gains)]
+
+    def gains(choices: npt.NDArray[np.intp]) -> FloatArray:
+        index = np.empty((len(choices), first + choices.shape[1] * width), dtype=np.intp)
+        index[:, :first] = np.arange(first)
+        index[:, first:] = (first + width * choices[:, :, None] + np.arange(width)).reshape(len(choices), -1)
+        # A little of the identity keeps nearly parallel columns from spoiling a choice; the descent is exact.
+        matrices = gram[index[:, :, None], index[:, None, :]] + 1e-10 * np.eye(index.shape[1])
+        vectors = right[index]
+        return np.asarray((vectors * np.linalg.solve(matrices, vectors[:, :, None])[:, :, 0]).sum(axis=1))
+
+    few = math.comb(len(grid), count) <= _MOST_SETS
+    choices = _choices(len(grid), count) if few else _exchanged(len(grid), count, gains)
+    left = choices[np.argsort(-gains(choices))]
     for _ in range(_GRID_STARTS):
         if not len(left):
             break

@@ -13,17 +13,18 @@ from ipmclab.confidence import NORMAL_95
 from ipmclab.fit.fit import DETERMINED
 from ipmclab.identification.noise.correlate import Correlated
 from ipmclab.identification.problem.problem import Problem
+from ipmclab.identification.problem.response import CircuitResponder
 from ipmclab.identification.problem.unknowns import Unknown
 from ipmclab.identification.search.descent import shorter
 from ipmclab.identification.search.valleys import Rival
 from ipmclab.identification.uncertainty.covariance import Uncertainty
 from ipmclab.identification.uncertainty.profile import Walk
-from ipmclab.model.declared import is_curved, is_of_circuit, is_of_leak
+from ipmclab.model.declared import is_curved, is_of_circuit
 from ipmclab.run import FloatArray
 
 _CURVED: Final = 0.05  # standard error of a logarithm above which the likelihood's profile is followed
 _BENT: Final = 0.15  # the same for what is no logarithm, as a part of its value
-_COSTLY: Final = 0.7  # and above which, with a leak, each run of which is costly, the interval is open without asking
+_COSTLY: Final = 0.7  # and above which, with more than a circuit, whose runs are costly, it is open without asking
 _TWO_ERRORS: Final = 2.0 * DETERMINED  # how far apart minima lie that are still the same answer
 _SURE_AT_LIMITS: Final = 0.995  # of the probability, up to each end
 _AT_LIMIT: Final = 1e-3  # of a logarithm: nearer to where the search ends it says no more than that
@@ -135,11 +136,12 @@ def interval_of(
 def _hopeless(problem: Problem) -> float:
     """The standard error of a logarithm above which an interval is open without asking.
 
-    What a strip with a leak shows whatever its parameters are (d(0), a stiffness, a resonance) is a product of powers
-    of these: its error needs no profile. What is known beforehand ends every profile.
+    Runs of a circuit alone take little time; of all else a walk takes seconds, and where it is that long its end is no
+    answer. What a strip shows whatever its parameters are (d(0), a stiffness, a resonance) is a product of powers of
+    these: its error needs no profile. What is known beforehand ends every profile.
     """
-    leaks = any(is_of_leak(name) for name in problem.base)
-    return _COSTLY if leaks and all(unknown.beforehand is None for unknown in problem.unknowns) else math.inf
+    is_cheap = isinstance(problem.responder, CircuitResponder)
+    return math.inf if is_cheap or any(unknown.beforehand is not None for unknown in problem.unknowns) else _COSTLY
 
 
 def _from_its_bound(correlated: Correlated, unknown: Unknown, place: int, height: float) -> Interval:

@@ -10,7 +10,8 @@ from typing import Final
 import numpy as np
 
 from ipmclab.identification.problem.problem import Evaluation, Problem
-from ipmclab.identification.search.solve import STRUCTURAL, Pinned, Solution, descend
+from ipmclab.identification.problem.response import CircuitResponder
+from ipmclab.identification.search.solve import Pinned, Solution, descend, with_others
 from ipmclab.run import FloatArray
 
 _FARTHEST: Final = 7.0  # a factor of a thousand: beyond it an interval is called open
@@ -23,8 +24,6 @@ _FLAT: Final = 0.3  # part of a height below which a point lies in a plain
 _WALL: Final = 3.0  # times a height, beyond which a point lies behind a wall
 _APART: Final = 1e-5  # of an entry, between which a derivative is taken
 _SETTLED: Final = 5e-3  # of the threshold: what a further step of the others would still lower the cost by
-_TURNS: Final = 6  # of Gauss-Newton steps, after which the search takes over
-_FARTHEST_STEP: Final = 3.0  # of an entry: farther on, derivatives say nothing
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,66 +199,30 @@ def held_at(
 ) -> Point | None:
     """The best fit with one entry held, from another point of the profile.
 
-    The others first move as the derivatives at the other point say, which is mostly all that they need.
+    The others first move as the derivatives at the other point say, which is mostly all that they need; else a search
+    goes on from where these have led.
     """
-    here: Evaluation | None = None
-    # An edge that crosses a row makes a kink, over which no derivative leads.
-    if not any(unknown.base == "observation.delay" for unknown in problem.unknowns):
-        theta, cost, here = _followed(problem, place, entry, warm, _SETTLED * threshold)
-    if here is None:
-        pinned, others = Pinned(problem, place, entry), np.delete(warm.theta, place)
-        found = descend(pinned, others, evaluations=60, tolerance=_NEAR)
-        whole = pinned.in_full(found)
-        theta, here, cost = whole.theta, whole.evaluation, found.evaluation.cost
+    settled = _SETTLED * threshold
+    pinned = Pinned(problem, place, entry)
+    # An edge that crosses a row makes a kink, beyond which the others may do better. A circuit alone affords to look.
+    is_kinked = any(unknown.base == "observation.delay" for unknown in problem.unknowns)
+    if is_kinked and isinstance(problem.responder, CircuitResponder):
+        found, promised = descend(pinned, np.delete(warm.theta, place), evaluations=60, tolerance=_NEAR), 0.0
+    else:
+        found, promised = pinned.follow(warm.theta, warm.evaluation, settled)
+        if promised > settled:
+            found, promised = descend(pinned, found.theta, found.evaluation, evaluations=60, tolerance=_NEAR), 0.0
+    whole = pinned.in_full(found)
+    theta, here, cost = whole.theta, whole.evaluation, whole.evaluation.cost - promised
     spared = problem.spared(theta) - problem.spared(solution.theta)
     excess = cost - spared - solution.evaluation.cost
     return Point(entry, float(np.sqrt(max(excess, 0.0))), theta, here) if np.isfinite(excess) else None
 
 
-def _followed(
-    problem: Problem, place: int, entry: float, warm: Point, settled: float
-) -> tuple[FloatArray, float, Evaluation | None]:
-    """The others by Gauss-Newton steps, and the least cost that the last of them promises; None where they fail."""
-    theta, here = warm.theta, warm.evaluation
-    before = np.inf
-    for _ in range(_TURNS):
-        step, _ = _others(here, place, entry - float(theta[place]))
-        theta = theta + step
-        theta[place] = entry
-        inside = (problem.lower < theta) & (theta < problem.upper)
-        inside[place] = True
-        if not inside.all() or np.abs(step).max(initial=0.0) > _FARTHEST_STEP:
-            break
-        here = problem.evaluate(theta)
-        if not here.cost < before:
-            break
-        _, promised = _others(here, place, 0.0)
-        if promised <= settled:
-            return theta, here.cost - promised, here
-        before = here.cost
-    return warm.theta, np.inf, None
-
-
-def _others(here: Evaluation, place: int, moved: float) -> tuple[FloatArray, float]:
-    """The step of all entries as one moves by so much, and by how much the others then lower the cost."""
-    triangle, right = here.triangle[:, :-1], here.triangle[:, -1]
-    count = triangle.shape[1]
-    kept = np.arange(count) != place
-    columns = triangle[:, kept]
-    size = np.sqrt((columns * columns).sum(axis=0))
-    size[size == 0.0] = 1.0
-    left, singular, directions = np.linalg.svd(columns / size, full_matrices=False)
-    seen = singular > STRUCTURAL * singular.max(initial=0.0)
-    turned = left.T[seen] @ (right + moved * triangle[:, place])
-    step = np.full(count, moved)
-    step[kept] = -(directions[seen].T @ (turned / singular[seen])) / size
-    return step, float(turned @ turned)
-
-
 def _pull(problem: Problem, point: Point, place: int) -> float:
     """Derivative of the excess cost by one entry, all others following it at their best."""
     triangle, right = point.evaluation.triangle[:, :-1], point.evaluation.triangle[:, -1]
-    step, _ = _others(point.evaluation, place, 0.0)
-    along = _others(point.evaluation, place, 1.0)[0] - step
+    step, _ = with_others(point.evaluation, [place], [0.0])
+    along = with_others(point.evaluation, [place], [1.0])[0] - step
     ahead, behind = (problem.spared(point.theta + side * _APART * along) for side in (1.0, -1.0))
     return 2.0 * float(triangle[:, place] @ (right + triangle @ step)) - (ahead - behind) / (2.0 * _APART)
