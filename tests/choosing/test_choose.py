@@ -10,6 +10,7 @@ import pytest
 import ipmclab
 import ipmclab.choosing.choice
 from ipmclab import InputError, IpmclabError, Run, RunMetadata
+from ipmclab.choosing.choice import Candidate, as_close
 
 SEED, RATE = 20261121, 25.0
 WHITE = 1e-4  # A
@@ -256,3 +257,12 @@ def test_the_best_of_some_models_need_not_be_complete() -> None:
     assert said.startswith(f"{choice.preferred} still lacks something: ")
     complete = ipmclab.choose(record("friend-2", "step 1 V delay=1 s", 0), "branches=1,2", actuator="friend-2")
     assert not any("still lacks" in text for text in complete.sentences)
+
+
+def test_a_model_that_misses_readings_by_half_as_much_again_is_not_preferred_for_its_size() -> None:
+    """All of an inrush stands in one block of many: its scatter says that chance could be the reason."""
+    errors = {"branches=3": 1.32e-3, "branches=2": 1.36e-3, "branches=1": 1.97e-3}
+    alike = [Candidate(name, rmse={"current": error}) for name, error in errors.items()]
+    assert as_close(alike) == ["branches=3", "branches=2"]
+    # The one that predicted best stays, whatever its RMSE: likelihood judges by more than that.
+    assert as_close(alike[::-1]) == ["branches=1", "branches=2", "branches=3"]

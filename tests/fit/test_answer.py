@@ -164,8 +164,10 @@ def test_a_search_that_did_not_end_is_refused(good: Fit) -> None:
 
 
 def test_a_model_that_lacks_something_is_not_the_strip(good: Fit) -> None:
-    said = answer_of(replace(good, findings=(finding("model-error"),))).verdict
-    assert said.endswith("but the model lacks something: they describe this model, not yet the strip.")
+    lacking = answer_of(replace(good, findings=(finding("model-error"),)))
+    assert lacking.verdict.endswith("but the model lacks something: they describe this model, not yet the strip.")
+    assert lacking.known_title == "known from these readings, if the model holds"
+    assert answer_of(replace(good, findings=())).known_title == "known from these readings"
 
 
 def test_an_impossible_current_silences_what_follows_from_it() -> None:

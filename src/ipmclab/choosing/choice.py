@@ -66,6 +66,29 @@ SUPPORTED: Final = 2.0
 """Difference of a criterion up to which both models have support (Burnham and Anderson, 2002, section 2.6)."""
 
 
+AS_CLOSE: Final = 1.1
+"""Times the least held-out error (RMSE) up to which a model predicts as well: a tenth is seen in no figure."""
+
+
+def as_close(candidates: Sequence[Candidate]) -> list[str]:
+    """The models whose held-out error of every output is near the least of them.
+
+    A record in which most of what a branch explains happens once cannot prove it by the scatter of its blocks; a
+    model that misses readings by half as much again is not as good for that.
+
+    Parameters
+    ----------
+    candidates : sequence of Candidate
+        That the records cannot distinguish, the best prediction first, which is always among them.
+    """
+    least = {output: min(one.rmse[output] for one in candidates) for output in candidates[0].rmse}
+    return [
+        one.name
+        for one in candidates
+        if one is candidates[0] or all(one.rmse[output] <= AS_CLOSE * size for output, size in least.items())
+    ]
+
+
 @dataclass(frozen=True, eq=False)
 class Choice(Shown):
     """What ``choose`` returns.
@@ -75,7 +98,8 @@ class Choice(Shown):
     candidates : tuple of Candidate
         The best prediction first; those that could not be compared last.
     preferred : str
-        Of the models that the runs cannot tell from the best one, that with the fewest parameters.
+        Of the models that the runs cannot tell from the best one, and whose held-out error is near the least of theirs,
+        that with the fewest parameters.
     differences : mapping of (name, name) to Difference
         Between every two models that could be compared.
     held_out : "runs" or "blocks"
@@ -140,10 +164,13 @@ class Choice(Shown):
         alike = [one for one, apart in against if not apart.is_told]
         if alike:
             lines.append(f"These records cannot distinguish {_listed([self.best, *(one.name for one in alike)])}.")
+            these = [self[self.best], *alike]
+            close = as_close(these)
+            of = "these" if len(close) == len(these) else f"those whose RMSE is at most {AS_CLOSE:g} times the least"
             reason = (
-                "it has the fewest parameters of these"
-                if any(one.parameters != self[self.preferred].parameters for one in (self[self.best], *alike))
-                else "it predicted best, and none of these has fewer parameters"
+                f"it has the fewest parameters of {of}"
+                if any(self[name].parameters != self[self.preferred].parameters for name in close)
+                else f"it predicted best, and none of {of} has fewer parameters"
             )
             lines.append(f"{self.preferred} is preferred: {reason} ({self[self.preferred].parameters}).")
         elif len(ranked) > 1:

@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 
 from ipmclab.choosing.blocks import run_blocks, time_blocks
-from ipmclab.choosing.choice import Candidate, Choice, HoldOut
+from ipmclab.choosing.choice import Candidate, Choice, HoldOut, as_close
 from ipmclab.choosing.compare import HeldOut, difference
 from ipmclab.choosing.held_out import (
     Division,
@@ -354,7 +354,8 @@ def _choice(
     }
     best = order[0]
     alike = [best, *(name for name in order[1:] if not differences[name, best].is_told)]
-    preferred = min(alike, key=lambda name: (candidates[name].parameters, order.index(name)))
+    close = as_close([candidates[name] for name in alike])
+    preferred = min(close, key=lambda name: (candidates[name].parameters, order.index(name)))
     left = {name: _left(runs, candidates[name], division) for name in order}
     readings = sum(int(np.count_nonzero(series.seen)) for series, _ in left[best].values())
     effective = sum(noise.effective_readings(series) for series, noise in left[best].values())

@@ -146,7 +146,7 @@ def print_fit(
 
 def print_details(fit: Fit) -> None:
     """Print everything that a fit says."""
-    from ipmclab.fit.answer import REFUSED, known_rows, parameter_rows, quantity_of, verdict
+    from ipmclab.fit.answer import REFUSED, known_rows, known_title, parameter_rows, quantity_of, verdict
     from ipmclab.fit.in_brief import most_important_first
     from ipmclab.fit.output_diagnosis import WORDS
     from ipmclab.prediction.remarks import remarks
@@ -175,7 +175,7 @@ def print_details(fit: Fit) -> None:
     print_table(["parameter", "value", *intervals, "unit", "collinearity", ""], rows)
     if fit.known and not verdict(fit).startswith(REFUSED):
         print_table(
-            ["known from these readings", "value", "95 % interval", "unit", ""],
+            [known_title(fit), "value", "95 % interval", "unit", ""],
             [[row.name, row.value, row.interval, row.unit, row.remark] for row in known_rows(fit)],
         )
     if fit.undetermined:

@@ -53,6 +53,10 @@ _ALL: Final = {2: "both"}
 _SHOWN: Final = 3  # residuals that a sentence lists
 
 
+KNOWN: Final = "known from these readings"
+"""What stands over the quantities that are known where parameters are not determined."""
+
+
 @dataclass(frozen=True)
 class Row:
     """One number of a table, as people read it.
@@ -86,6 +90,8 @@ class Answer:
     findings : tuple of Brief
     more : int
         Findings that are not among them.
+    known_title : str
+        What stands over what is known.
     """
 
     parameters: tuple[Row, ...]
@@ -93,6 +99,7 @@ class Answer:
     verdict: str
     findings: tuple[Brief, ...]
     more: int
+    known_title: str = KNOWN
 
     @property
     def is_refused(self) -> bool:
@@ -114,7 +121,7 @@ class Answer:
 
         Sentences and findings have at most 100 columns, a row of the table as many as its names need.
         """
-        lines = [] if self.is_refused else _lines(*self.rows)
+        lines = [] if self.is_refused else _lines(*self.rows, self.known_title)
         # A number stays beside its percent sign, and the name of a file whole.
         bound = self.verdict.replace(" %", f"{_NO_BREAK}%")
         lines += [line.replace(_NO_BREAK, " ") for line in textwrap.wrap(bound, WIDTH, break_on_hyphens=False)]
@@ -132,7 +139,7 @@ def answer_of(fit: Fit, before: Fit | None = None) -> Answer:
     labels = [one.label for one in fit.observations]
     said = [str(one) for one in answer_of(before).findings] if before is not None else []
     findings, more = in_brief(fit.findings, outputs, labels, said=said)
-    return Answer(parameter_rows(fit), known_rows(fit), verdict(fit), findings, more)
+    return Answer(parameter_rows(fit), known_rows(fit), verdict(fit), findings, more, known_title(fit))
 
 
 def summary_of(fit: Fit, where: str = IN_PYTHON, before: Fit | None = None) -> str:
@@ -178,6 +185,16 @@ def known_rows(fit: Fit) -> tuple[Row, ...]:
         fixed = one.leans[0].rpartition(".")[2].replace("_", " ") if one.leans else ""
         rows.append(replace(row, remark=f"if {fixed} is exact" if fixed else ""))
     return tuple(rows)
+
+
+def known_title(fit: Fit) -> str:
+    """What stands over them: of a model that lacks something their intervals say nothing of what it lacks."""
+    return KNOWN + (", if the model holds" if lacks_something(fit) else "")
+
+
+def lacks_something(fit: Fit) -> bool:
+    """Whether a warning says that the model lacks something."""
+    return any(finding.code in _DOUBTS and finding.severity != "info" for finding in fit.findings)
 
 
 def _row(name: str, value: float, interval: tuple[float, float], quantity: Quantity | None, unit: str) -> Row:
@@ -274,7 +291,7 @@ def _of_parameters(fit: Fit) -> str:
     if any(finding.code == "mountings-differ" for finding in fit.findings):
         return "its values are averages of mountings that differ: fit each mounting by itself"
     unknown = sum(not one.determined for one in fit.parameters.values())
-    lacks = any(finding.code in _DOUBTS and finding.severity != "info" for finding in fit.findings)
+    lacks = lacks_something(fit)
     count = len(fit.parameters)
     if not count:
         text = "no parameter was free"
@@ -295,7 +312,7 @@ def _of_parameters(fit: Fit) -> str:
             else ", but the model lacks something: they describe this model, not yet the strip"
         )
     elif unknown and fit.known:
-        text += ", but the quantities under 'known from these readings' are known"
+        text += f", but the quantities under '{KNOWN}' are known"
     return text
 
 
@@ -336,7 +353,7 @@ def _size(fit: Fit, label: str, output: str, percent: float | None) -> str:
     return f"{significant(quantity.to_display(size), 3)} {quantity.display_unit}"
 
 
-def _lines(rows: Sequence[Row], known: Sequence[Row]) -> list[str]:
+def _lines(rows: Sequence[Row], known: Sequence[Row], title: str) -> list[str]:
     """The table as lines; what is known stands below the parameters in the same columns."""
     remarks = any(row.remark for row in (*rows, *known))
     head = ["parameter", "value", "95 % interval", "unit", *([""] if remarks else [])]
@@ -345,7 +362,7 @@ def _lines(rows: Sequence[Row], known: Sequence[Row]) -> list[str]:
         return [row.name, row.value, row.interval, row.unit, *([row.remark] if remarks else [])]
 
     table = [head, *map(cells, rows)]
-    second = [["known from these readings", *[""] * (len(head) - 1)], *map(cells, known)] if known else []
+    second = [[title, *[""] * (len(head) - 1)], *map(cells, known)] if known else []
     widths = [max(len(row[column]) for row in (*table, *second)) for column in range(len(head))]
 
     def line(row: Sequence[str]) -> str:

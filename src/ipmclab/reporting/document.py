@@ -14,7 +14,7 @@ import numpy as np
 from markupsafe import Markup, escape
 
 from ipmclab.errors import InputError
-from ipmclab.fit.answer import REFUSED
+from ipmclab.fit.answer import REFUSED, known_title, lacks_something
 from ipmclab.fit.answer import verdict as verdict_of
 from ipmclab.fit.in_brief import most_important_first
 from ipmclab.model.validity import CODES as VALIDITY_CODES
@@ -139,6 +139,8 @@ def html(
         doubt=doubt,
         parameters=tables.parameter_rows(fit),
         known=tables.known_rows(fit),
+        known_title=known_title(fit),
+        truth="the value that describes this model" if lacks_something(fit) else "the true value",
         undetermined=[direction.sentence for direction in fit.undetermined],
         correlations=tables.correlation_table(fit),
         profiles=profiles_part(fit),

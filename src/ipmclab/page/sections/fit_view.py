@@ -27,7 +27,7 @@ _PARAMETERS: Final = {
     "remark": "",
 }
 _KNOWN: Final = {
-    "name": "known from these runs",
+    "name": "",
     "value": "value",
     "unit": "unit",
     "interval": "95 % interval",
@@ -116,7 +116,8 @@ class FitView:
                     text(words).classes("lab-bad" if is_bad else "")
                 plain_table(_shown(told["parameters"]), told["parameters"], caption="Parameters")
                 if told.get("known"):
-                    plain_table(_KNOWN, told["known"], caption="What these runs determine")
+                    columns = {**_KNOWN, "name": told.get("known_title", "")}
+                    plain_table(columns, told["known"], caption="What these runs determine")
                 self._build_keep(one)
             with card("Measured against model", place="measured"):
                 self._build_plot(one)

@@ -47,7 +47,7 @@ def run(arguments: dict[str, Any], progress: Progress) -> Frame:
 
 def fit_frame(fit: Fit, runs: list[Run]) -> Frame:
     """A fit as the page shows it; arrays ``RUN.OUTPUT.measured``, ``.model``, ``.residual`` and ``.time``."""
-    from ipmclab.fit.answer import verdict
+    from ipmclab.fit.answer import known_title, verdict
     from ipmclab.fit.output_diagnosis import WORDS
     from ipmclab.identification.mountings.mountings import why_unknown
     from ipmclab.page.jobs.tasks.given import comparison_arrays, finding_row, rows_of
@@ -78,6 +78,7 @@ def fit_frame(fit: Fit, runs: list[Run]) -> Frame:
         "free": len(fit.parameters),
         "parameters": rows_of(parameter_rows(fit)),
         "known": rows_of(known_rows(fit)),
+        "known_title": known_title(fit),
         "averaged": sorted(averages(fit)),
         "next_mounting_unknown": why_unknown(fit),
         "undetermined": [one.sentence for one in fit.undetermined],
