@@ -27,6 +27,8 @@ import scipy.signal
 
 from benchmarks.harness import finish
 
+SOURCES = ("src/ipmclab/model", "src/ipmclab/identification", "src/ipmclab/statespace", "src/ipmclab/fit")
+
 SEED: Final = 20261121
 ALLOWED: Final = 1e-6
 """Of a standard error."""
