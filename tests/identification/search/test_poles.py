@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 
@@ -9,7 +11,9 @@ from ipmclab import Run, load_actuator, simulate
 from ipmclab.identification.problem.record import prepare
 from ipmclab.identification.search.starts import start_circuit
 from ipmclab.identification.search.starts.start_circuit import current_series, find_circuit
-from ipmclab.identification.search.varpro import search_poles
+from ipmclab.identification.search import varpro
+from ipmclab.identification.search.varpro import SearchedRun, search_poles
+from ipmclab.model.numerics.drive import Drive, responses
 from ipmclab.model.outputs import simulate_outputs
 
 LEAKS = load_actuator("friend-2+leak.cubic").replace(
@@ -93,3 +97,33 @@ def test_rows_after_the_first_move_are_looked_at_wherever_the_voltage_began(monk
         run = Run.from_arrays(time=time, voltage=voltage, current=voltage, hold="unknown")
         short = start_circuit._beginning(prepare(run, 0, ["current"], ()))
         assert len(short.run) == len(short.readings["current"].values) == 59
+
+
+def test_sets_of_many_poles_are_found_by_exchange() -> None:
+    """As good as the best of all sets, of columns as alike as those of neighbouring poles are."""
+    generator = np.random.default_rng(20261126)
+    time = np.linspace(0.0, 1.0, 400)
+    decays = np.exp(-np.outer(np.geomspace(1.0, 300.0, 14), time))
+    readings = np.array([3.0, -2.0, 1.5, 1.0]) @ decays[[1, 4, 8, 12]] + 0.01 * generator.standard_normal(400)
+
+    def gains(sets: np.ndarray) -> np.ndarray:
+        left = [np.linalg.lstsq(decays[one].T, readings, rcond=None)[1][0] for one in sets]
+        return np.asarray(readings @ readings - np.array(left))
+
+    best = gains(np.array(list(itertools.combinations(range(14), 4)))).max()
+    found = varpro._exchanged(14, 4, gains)
+    assert (np.diff(found, axis=1) > 0).all()
+    assert readings @ readings - gains(found).max() < 1.05 * (readings @ readings - best)
+
+
+def test_a_response_of_many_poles_is_searched_in_little_memory() -> None:
+    """Fourteen poles of a grid of 32 have half a billion sets."""
+    generator = np.random.default_rng(20261126)
+    time = np.linspace(0.0, 60.0, 600)
+    poles = -np.geomspace(5.0, 0.03, 6)
+    drive = Drive(np.array([time[1]]), np.zeros(599, dtype=np.int64), np.ones(599), np.ones(599), np.ones(600))
+    clean = np.array([1.0, 0.8, -0.6, 0.5, 0.4, 0.3]) @ responses(drive, poles)[0]
+    run = SearchedRun(drive, time, clean + 1e-3 * generator.standard_normal(600), np.full(600, 1e3))
+    found = search_poles([run], 14, np.ones((1, 600)), tries=1)
+    assert len(found.poles) == 14
+    assert found.cost < 1.2 * 600

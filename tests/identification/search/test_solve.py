@@ -31,3 +31,33 @@ def test_an_unknown_that_no_reading_feels_stops_no_search(little: float) -> None
     """A drawn record ended in SciPy's overflow: a drift that no reading felt was moved in steps of 1e214."""
     start = np.array([1.0, 2.0, -1e95 if little < 1e-100 else 0.0])
     assert minimise(Lines(little), start).theta[0] == pytest.approx(2.0, abs=0.01)
+
+
+class Meeting:
+    """t^2 exp(-t) and noise, read as three decays: the nearer their rates, the better they follow."""
+
+    lower, upper = np.array([-np.inf] * 3 + [-5.0] * 3), np.array([np.inf] * 3 + [5.0] * 3)
+
+    def __init__(self) -> None:
+        self.time = np.linspace(0.0, 8.0, 400)
+        self.readings = 100.0 * self.time**2 * np.exp(-self.time)
+        self.readings += np.random.default_rng(20261126).standard_normal(400)
+        self.asked = 0
+
+    def evaluate(self, theta: Array) -> Evaluation:
+        self.asked += 1
+        sizes, rates = theta[:3], np.exp(theta[3:])
+        decays = np.exp(-np.outer(rates, self.time))
+        return Evaluation(
+            np.vstack([decays, -(sizes * rates)[:, None] * self.time * decays, sizes @ decays - self.readings])
+        )
+
+
+def test_a_search_along_a_valley_without_an_end_ends_where_the_readings_tell_no_more() -> None:
+    problem = Meeting()
+    found = minimise(problem, np.array([100.0, -100.0, 100.0, 0.5, 0.0, -0.5]), evaluations=1000)
+    assert found.converged
+    assert problem.asked < 500
+    shapes = problem.time ** np.arange(3)[:, None] * np.exp(-problem.time)
+    met = np.linalg.lstsq(shapes.T, problem.readings, rcond=None)[1][0]
+    assert found.evaluation.cost < met + 1.0

@@ -1,0 +1,59 @@
+"""The unknowns of a fit: what of a record bounds them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ipmclab import Run, check, load_actuator
+from ipmclab.confidence import NORMAL_95
+from ipmclab.identification.problem.free import parse_free
+from ipmclab.identification.problem.record import PreparedRun, prepare
+from ipmclab.identification.problem.unknowns import Unknown, unknowns_of
+from ipmclab.identification.search.pose import problem_at
+from ipmclab.identification.search.starts.start import StartingPoint
+
+STRIP = load_actuator("friend-2+relaxation.displacement=2")
+SLOPE = 2e-6
+
+
+def creeping() -> PreparedRun:
+    """A strip that moves before its step already."""
+    time = np.arange(500) / 25.0
+    noise = 1e-6 * np.random.default_rng(20261126).standard_normal(500)
+    moved = SLOPE * time + np.where(time > 5.0, 1e-3 * (1.0 - np.exp(5.0 - time)), 0.0) + noise
+    run = Run.from_arrays(time=time, voltage=np.where(time > 5.0, 1.0, 0.0), displacement=moved, hold="zero")
+    return prepare(run, 0, ["displacement"], check(run))
+
+
+def drift_of(record: PreparedRun) -> Unknown:
+    names = parse_free(STRIP.parameter_values, "relaxation")
+    (found,) = [one for one in unknowns_of(names, STRIP.parameters(), [record]) if ".drift." in one.base]
+    return found
+
+
+def test_a_sensor_drifts_no_more_than_a_strip_that_was_not_at_rest_moves() -> None:
+    """Beside a starting state of any size nothing else would bound it: it took 60 mm of a record of 3 mm."""
+    record = creeping()
+    assert drift_of(record).prior is None  # from rest the rows at 0 V show the sensor alone
+    drift = drift_of(replace(record, start="free"))
+    assert drift.prior is not None
+    centre, deviation = drift.prior
+    error = record.shown["drift", "displacement"] - SLOPE
+    assert centre == 0.0
+    assert deviation * drift.scale == pytest.approx((SLOPE + error) / np.sqrt(3.0))
+    # Least squares of a line through some 120 rows over 4.8 s.
+    assert 0.0 < error < 6.0 * NORMAL_95 * 1e-6 / (4.8 * np.sqrt(120.0 / 12.0))
+    assert drift.beforehand is None  # no prior of the user's
+
+
+def test_a_start_beyond_what_a_parameter_may_be_is_none() -> None:
+    """Poles that nearly meet have residues of any size; the user saw 'the value 874.05 is outside the allowed'."""
+    record = replace(creeping(), start="free")
+    ratios = {f"relaxation.displacement.{mode}.ratio": sign * 5e4 for mode, sign in ((0, 1.0), (1, -1.0))}
+    names = parse_free(STRIP.parameter_values, "relaxation")
+    noise = {(0, "displacement"): 1e-6}
+    problem = problem_at(STRIP, STRIP.parameters(), names, [record], StartingPoint(ratios, {}), noise)
+    assert sum(unknown.is_start for unknown in problem.unknowns) > 0
