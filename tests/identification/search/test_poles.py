@@ -9,9 +9,9 @@ import pytest
 
 from ipmclab import Run, load_actuator, simulate
 from ipmclab.identification.problem.record import prepare
+from ipmclab.identification.search import varpro
 from ipmclab.identification.search.starts import start_circuit
 from ipmclab.identification.search.starts.start_circuit import current_series, find_circuit
-from ipmclab.identification.search import varpro
 from ipmclab.identification.search.varpro import SearchedRun, search_poles
 from ipmclab.model.numerics.drive import Drive, responses
 from ipmclab.model.outputs import simulate_outputs

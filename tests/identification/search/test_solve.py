@@ -61,3 +61,9 @@ def test_a_search_along_a_valley_without_an_end_ends_where_the_readings_tell_no_
     shapes = problem.time ** np.arange(3)[:, None] * np.exp(-problem.time)
     met = np.linalg.lstsq(shapes.T, problem.readings, rcond=None)[1][0]
     assert found.evaluation.cost < met + 1.0
+
+
+def test_the_last_look_at_a_minimum_is_no_step() -> None:
+    """Whatever the limit of evaluations is, the search gives an answer."""
+    for limit in range(28, 36):
+        assert minimise(Meeting(), np.array([100.0, -100.0, 100.0, 0.5, 0.0, -0.5]), evaluations=limit).theta.size == 6

@@ -401,17 +401,14 @@ def minimise(
     from scipy.optimize import least_squares
 
     kept: dict[bytes, Evaluation] = {} if here is None else {theta.tobytes(): here}
-    lowest: list[tuple[float, FloatArray, Evaluation]] = []
+    fallen = _Fallen()
 
     def at(point: FloatArray) -> Evaluation:
         key = point.tobytes()
         if key not in kept:
             kept.clear()
-            kept[key] = found = problem.evaluate(point)
-            better = not lowest or found.cost < lowest[-1][0]
-            lowest.append((found.cost, point.copy(), found) if better else lowest[-1])
-            if len(lowest) > _PATIENCE and lowest[-_PATIENCE - 1][0] - lowest[-1][0] < _HARDLY_FALLS * _variance(found):
-                raise _HardlyFalls
+            kept[key] = problem.evaluate(point)
+            fallen.to(point, kept[key])
         return kept[key]
 
     finite = np.isfinite(problem.upper - problem.lower)
@@ -441,19 +438,32 @@ def minimise(
             max_nfev=evaluations,
         )
     except _HardlyFalls:
-        _, point, here = lowest[-1]
-        return Solution(point, here, True, _REASONS[2], len(lowest))
+        return Solution(*fallen.lowest, True, _REASONS[2], len(fallen.costs))
     point = whole(found.x)
-    return Solution(point, at(point), found.status > 0, _REASONS[found.status], int(found.nfev))
+    last = kept.get(point.tobytes()) or problem.evaluate(point)
+    return Solution(point, last, found.status > 0, _REASONS[found.status], int(found.nfev))
 
 
 class _HardlyFalls(Exception):
     """A search goes along a valley whose floor falls by less than the readings can tell: it has no last step."""
 
 
-def _variance(here: Evaluation) -> float:
-    """Cost of one reading."""
-    return here.cost / max(len(here.residual), 1)
+class _Fallen:
+    """How far the cost has fallen in a search, evaluation by evaluation, and where it was lowest."""
+
+    def __init__(self) -> None:
+        self.costs: list[float] = []
+        self.lowest: tuple[FloatArray, Evaluation]
+
+    def to(self, point: FloatArray, here: Evaluation) -> None:
+        """One evaluation more; ``_HardlyFalls`` where the last ones have hardly told anything."""
+        if not self.costs or here.cost < self.costs[-1]:
+            self.lowest = point.copy(), here
+        cost = self.lowest[1].cost
+        self.costs.append(cost)
+        hardly = _HARDLY_FALLS * cost / max(len(here.residual), 1)
+        if len(self.costs) > _PATIENCE and self.costs[-1 - _PATIENCE] - cost < hardly:
+            raise _HardlyFalls
 
 
 def _felt(jacobian: FloatArray) -> npt.NDArray[np.bool_]:
