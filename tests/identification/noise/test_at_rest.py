@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from ipmclab import Run, identify, load_actuator, simulate
+from ipmclab.fit.fit import Fit
 from ipmclab.identification.noise.at_rest import is_at_rest_too, is_shown_at_rest, likelier_with_slow, without_spikes
 from ipmclab.model.variants import with_stages
 from ipmclab.statespace.shape import Shape, drawn
@@ -87,3 +88,34 @@ def test_an_autoregression_that_is_slower_than_the_rows_at_rest_has_to_show_ther
     assert is_shown_at_rest([(slow, rows) for rows in white]) is not True
     fast = Shape(Terms(order=1), np.array([np.arctanh(0.9)]), 1.0 - 0.9**2)
     assert is_shown_at_rest([(fast, drawn(fast, np.ones(250, dtype=np.int64), generator))]) is True
+
+
+def lacking_two_branches(seed: int) -> tuple[Fit, float]:
+    """One branch fitted to a strip of three, whose current reads 0.2 mA at 0 V; and what the fit leaves [A]."""
+    strip = with_stages(load_actuator("friend-2"), "branches=3").replace(
+        **{"circuit.branches.2.resistivity": 60.0, "circuit.branches.2.permittivity": 2.0}
+    )
+    clean = simulate(strip, "step 1 V delay=5 s", duration=45.0, rate=20.0)
+    assert clean.current is not None
+    noise = 2e-5 * np.random.default_rng(seed).standard_normal(len(clean))
+    run = Run.from_arrays(time=clean.time, voltage=clean.voltage, current=clean.current + 2e-4 + noise, hold="zero")
+    fit = identify(with_stages(load_actuator("friend-2"), "branches=1"), run)
+    return fit, float(np.sqrt(np.mean(fit.residuals[0]["current"] ** 2)))
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_what_a_model_lacks_leaves_the_zero_that_rows_at_rest_show(seed: int) -> None:
+    """A strip at 0 V draws nothing, whatever it is: what is found under voltage begins with it."""
+    fit, left = lacking_two_branches(seed)
+    low, high = fit.parameters["observation.offset.current[0]"].interval
+    assert low <= 2e-4 <= high
+    assert high - low < 2.0 * left
+    under = fit.estimate.correlated
+    (key,) = under.shapes
+    assert under.shapes[key].terms.order
+    # A draw has the covariance that the errors are made of.
+    generator = np.random.default_rng(seed)
+    columns = under.solution.evaluation.jacobian[:, :3]
+    spread = under.spread(columns[under.problem.pieces[key]], key)
+    draws = np.array([under.drawn(generator) @ columns for _ in range(2000)])
+    np.testing.assert_allclose(np.diag(draws.T @ draws / 2000), np.diag(spread), rtol=0.15)

@@ -17,7 +17,7 @@ from typing import Final
 
 import numpy as np
 
-from ipmclab.identification.noise.at_rest import slope_at_rest
+from ipmclab.identification.noise.at_rest import is_at_rest_too, left_at_rest, slope_at_rest
 from ipmclab.identification.noise.blind import Blind, blind_outputs
 from ipmclab.identification.noise.model_error import model_errors
 from ipmclab.identification.noise.pieces import (
@@ -205,12 +205,28 @@ class Correlated:
         parts = (self.spread(columns[piece], key) for key, piece in self.problem.pieces.items())
         return np.asarray(sum(parts) + beyond.T @ beyond)
 
+    @cached_property
+    def _at_rest(self) -> dict[Key, tuple[int, float]]:
+        """Where what is found under voltage is not there at 0 V: so many first rows, and the variance that they have.
+
+        What a model lacks begins with the voltage; a strip at rest draws nothing, whatever it is.
+        """
+        found = {}
+        for key, shape in self.shapes.items():
+            rows = self.left(key)[self.pieces[key].inside]
+            resting = left_at_rest(self.problem.record_at(key[0]), key[1], rows, self.problem.noise[key])
+            if is_at_rest_too(shape, resting) is False:
+                found[key] = len(resting), max(float(np.mean(resting**2)), self.problem.floors[key] ** 2)
+        return found
+
     def _noise_of(self, columns: FloatArray, key: Key) -> FloatArray:
         """``columns' V columns`` of the measured rows of an output of a run."""
         shape = self.shapes.get(key)
         if shape is None or not (shape.terms.order or shape.terms.walk):
             return np.asarray((1.0 if shape is None else shape.variance) * (columns.T @ columns))
-        return spread_by(columns, self.pieces[key].steps, shape)
+        count, variance = self._at_rest.get(key, (0, 0.0))
+        resting, driven = columns[:count], columns[count:]
+        return np.asarray(variance * (resting.T @ resting) + spread_by(driven, self.pieces[key].steps[count:], shape))
 
     @cached_property
     def _known(self) -> dict[Key, tuple[Projection, FloatArray]]:
@@ -236,7 +252,10 @@ class Correlated:
             return found
         for key, shape in self.shapes.items():
             rows = found[self.problem.pieces[key]]
-            rows[self.pieces[key].inside] = drawn(shape, self.pieces[key].steps, generator)
+            count, variance = self._at_rest.get(key, (0, 0.0))
+            noise = drawn(shape, self.pieces[key].steps, generator)
+            noise[:count] = math.sqrt(variance) * generator.standard_normal(count)
+            rows[self.pieces[key].inside] = noise
         for key in self.zeros:
             rows = found[self.problem.pieces[key]]
             projection, own_errors = self._known[key]
