@@ -7,7 +7,7 @@ import numpy.typing as npt
 import pytest
 
 from ipmclab.identification.problem.problem import Evaluation
-from ipmclab.identification.search.solve import minimise
+from ipmclab.identification.search.solve import PATIENCE, minimise
 
 Array = npt.NDArray[np.float64]
 
@@ -55,7 +55,8 @@ class Meeting:
 
 def test_a_search_along_a_valley_without_an_end_ends_where_the_readings_tell_no_more() -> None:
     problem = Meeting()
-    found = minimise(problem, np.array([100.0, -100.0, 100.0, 0.5, 0.0, -0.5]), evaluations=1000)
+    begin = np.array([100.0, -100.0, 100.0, 0.5, 0.0, -0.5])
+    found = minimise(problem, begin, evaluations=1000, patience=PATIENCE)
     assert found.converged
     assert problem.asked < 500
     shapes = problem.time ** np.arange(3)[:, None] * np.exp(-problem.time)
@@ -66,4 +67,5 @@ def test_a_search_along_a_valley_without_an_end_ends_where_the_readings_tell_no_
 def test_the_last_look_at_a_minimum_is_no_step() -> None:
     """Whatever the limit of evaluations is, the search gives an answer."""
     for limit in range(28, 36):
-        assert minimise(Meeting(), np.array([100.0, -100.0, 100.0, 0.5, 0.0, -0.5]), evaluations=limit).theta.size == 6
+        begin = np.array([100.0, -100.0, 100.0, 0.5, 0.0, -0.5])
+        assert minimise(Meeting(), begin, evaluations=limit, patience=PATIENCE).theta.size == 6

@@ -13,6 +13,7 @@ import numpy.typing as npt
 from ipmclab.identification.problem.problem import Evaluation, Noise, Problem
 from ipmclab.identification.problem.response import CircuitResponder
 from ipmclab.identification.search.solve import (
+    PATIENCE,
     SETTLED,
     STRUCTURAL,
     THERE,
@@ -53,8 +54,8 @@ def minimum(problem: Problem, theta: FloatArray, *, evaluations: int = LONGEST) 
     """
     means = problem.on_means
     if means is None:
-        return minimise(problem, theta, evaluations=evaluations, tolerance=_tolerance(problem))
-    found = on_every_row(problem, minimise(means, theta, evaluations=evaluations, tolerance=NEAR))
+        return minimise(problem, theta, evaluations=evaluations, tolerance=_tolerance(problem), patience=PATIENCE)
+    found = on_every_row(problem, minimise(means, theta, evaluations=evaluations, tolerance=NEAR, patience=PATIENCE))
     if not found.converged:
         return found
     for _ in range(_CORRECTED):
@@ -62,7 +63,9 @@ def minimum(problem: Problem, theta: FloatArray, *, evaluations: int = LONGEST) 
         if left <= _THERE:
             return replace(found, converged=True, message=THERE)
         corrected = Shifted(means, correction(means.evaluate(found.theta), found.evaluation))
-        near = on_every_row(problem, minimise(corrected, found.theta, evaluations=evaluations, tolerance=NEAR))
+        near = on_every_row(
+            problem, minimise(corrected, found.theta, evaluations=evaluations, tolerance=NEAR, patience=PATIENCE)
+        )
         near = replace(near, evaluations=near.evaluations + found.evaluations)
         hardly = _HARDLY * found.evaluation.cost / len(found.evaluation.residual)
         fallen = found.evaluation.cost - near.evaluation.cost
@@ -72,7 +75,7 @@ def minimum(problem: Problem, theta: FloatArray, *, evaluations: int = LONGEST) 
         if fallen < 0.0:
             break  # so far from a minimum means are no guide
         found = near
-    last = minimise(problem, found.theta, found.evaluation, evaluations=evaluations, tolerance=NEAR)
+    last = minimise(problem, found.theta, found.evaluation, evaluations=evaluations, tolerance=NEAR, patience=PATIENCE)
     return replace(last, evaluations=last.evaluations + found.evaluations)
 
 
@@ -81,7 +84,7 @@ def minimum_near(
 ) -> Solution:
     """The same from a point that is near it, by Gauss-Newton steps where these get there."""
     if problem.on_means is None:
-        return descend(problem, theta, here, evaluations=evaluations, tolerance=_tolerance(problem))
+        return descend(problem, theta, here, evaluations=evaluations, tolerance=_tolerance(problem), patience=PATIENCE)
     near = polish(problem, theta, here) if here is not None else None
     return near or minimum(problem, theta, evaluations=evaluations)
 

@@ -31,8 +31,10 @@ FARTHEST_STEP: Final = 3.0
 NOTHING: Final = 1e-12  # of the cost: a decrease that is rounding
 HARDLY: Final = 1e-9  # of the cost: where it does not fall, a decrease that need not have come
 _MOST_FOLLOWED: Final = 6  # steps of the others after an entry that moved, after which the search takes over
-_PATIENCE: Final = 30  # evaluations in which a cost has to fall by
-_HARDLY_FALLS: Final = 0.1  # of chi-square: a thousandth of what a profile's end is told by is lost in ten such
+PATIENCE: Final = 30
+"""Evaluations in which the cost of a fit has to fall by ``_HARDLY_FALLS``: along a valley there is no last step."""
+
+_HARDLY_FALLS: Final = 0.1  # of chi-square: less than readings tell
 _UNFELT: Final = 1e-30  # of the largest derivative: far below the rounding of a sum of squares
 _NEAR: Final = 1e-3  # of a logarithm or a scale: an entry that near to its bound, and pressing on it, is at its bound
 _ASIDE: Final = 1e-6  # so far inside the bound it stays
@@ -363,6 +365,7 @@ def descend(
     *,
     evaluations: int = 300,
     tolerance: float = 1e-10,
+    patience: int | None = None,
 ) -> Solution:
     """The minimum by Gauss-Newton steps where these get there, else by ``minimise``, from a point that may be known."""
     spent = 0
@@ -371,7 +374,7 @@ def descend(
     near = polish(problem, theta, here)
     if near is not None:
         return replace(near, evaluations=near.evaluations + spent)
-    return minimise(problem, theta, here, evaluations=evaluations, tolerance=tolerance)
+    return minimise(problem, theta, here, evaluations=evaluations, tolerance=tolerance, patience=patience)
 
 
 def minimise(
@@ -381,6 +384,7 @@ def minimise(
     *,
     evaluations: int = 300,
     tolerance: float = 1e-10,
+    patience: int | None = None,
 ) -> Solution:
     """Trust-region reflective least squares with the exact Jacobian (SciPy's TRF).
 
@@ -397,11 +401,13 @@ def minimise(
         The search ends when a step lowers the cost by less than this part of it, or moves the entries by less than
         this part of their length. At a minimum with large residuals steps shrink only by a constant factor, and the
         entries then have about half as many digits as the tolerance.
+    patience : int, optional
+        The search also ends where so many evaluations lower the cost by less than 0.1 of chi-square.
     """
     from scipy.optimize import least_squares
 
     kept: dict[bytes, Evaluation] = {} if here is None else {theta.tobytes(): here}
-    fallen = _Fallen()
+    fallen = _Fallen(patience or evaluations)
 
     def at(point: FloatArray) -> Evaluation:
         key = point.tobytes()
@@ -451,8 +457,9 @@ class _HardlyFalls(Exception):
 class _Fallen:
     """How far the cost has fallen in a search, evaluation by evaluation, and where it was lowest."""
 
-    def __init__(self) -> None:
+    def __init__(self, patience: int) -> None:
         self.costs: list[float] = []
+        self._patience = patience
         self.lowest: tuple[FloatArray, Evaluation]
 
     def to(self, point: FloatArray, here: Evaluation) -> None:
@@ -462,7 +469,7 @@ class _Fallen:
         cost = self.lowest[1].cost
         self.costs.append(cost)
         hardly = _HARDLY_FALLS * cost / max(len(here.residual), 1)
-        if len(self.costs) > _PATIENCE and self.costs[-1 - _PATIENCE] - cost < hardly:
+        if len(self.costs) > self._patience and self.costs[-1 - self._patience] - cost < hardly:
             raise _HardlyFalls
 
 
