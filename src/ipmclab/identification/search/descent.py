@@ -54,8 +54,12 @@ def minimum(problem: Problem, theta: FloatArray, *, evaluations: int = LONGEST) 
     """
     means = problem.on_means
     if means is None:
-        return minimise(problem, theta, evaluations=evaluations, tolerance=_tolerance(problem), patience=PATIENCE)
-    found = on_every_row(problem, minimise(means, theta, evaluations=evaluations, tolerance=NEAR, patience=PATIENCE))
+        return minimise(
+            problem, theta, evaluations=evaluations, tolerance=_tolerance(problem), patience=_patience(problem)
+        )
+    found = on_every_row(
+        problem, minimise(means, theta, evaluations=evaluations, tolerance=NEAR, patience=_patience(problem))
+    )
     if not found.converged:
         return found
     for _ in range(_CORRECTED):
@@ -64,7 +68,8 @@ def minimum(problem: Problem, theta: FloatArray, *, evaluations: int = LONGEST) 
             return replace(found, converged=True, message=THERE)
         corrected = Shifted(means, correction(means.evaluate(found.theta), found.evaluation))
         near = on_every_row(
-            problem, minimise(corrected, found.theta, evaluations=evaluations, tolerance=NEAR, patience=PATIENCE)
+            problem,
+            minimise(corrected, found.theta, evaluations=evaluations, tolerance=NEAR, patience=_patience(problem)),
         )
         near = replace(near, evaluations=near.evaluations + found.evaluations)
         hardly = _HARDLY * found.evaluation.cost / len(found.evaluation.residual)
@@ -75,7 +80,9 @@ def minimum(problem: Problem, theta: FloatArray, *, evaluations: int = LONGEST) 
         if fallen < 0.0:
             break  # so far from a minimum means are no guide
         found = near
-    last = minimise(problem, found.theta, found.evaluation, evaluations=evaluations, tolerance=NEAR, patience=PATIENCE)
+    last = minimise(
+        problem, found.theta, found.evaluation, evaluations=evaluations, tolerance=NEAR, patience=_patience(problem)
+    )
     return replace(last, evaluations=last.evaluations + found.evaluations)
 
 
@@ -84,7 +91,9 @@ def minimum_near(
 ) -> Solution:
     """The same from a point that is near it, by Gauss-Newton steps where these get there."""
     if problem.on_means is None:
-        return descend(problem, theta, here, evaluations=evaluations, tolerance=_tolerance(problem), patience=PATIENCE)
+        return descend(
+            problem, theta, here, evaluations=evaluations, tolerance=_tolerance(problem), patience=_patience(problem)
+        )
     near = polish(problem, theta, here) if here is not None else None
     return near or minimum(problem, theta, evaluations=evaluations)
 
@@ -142,6 +151,11 @@ def beside_less(smaller: Problem, solution: Solution, gone: Sequence[int], zero:
 
 def _tolerance(problem: Problem) -> float:
     return _CHEAP if isinstance(problem.responder, CircuitResponder) else _COSTLY
+
+
+def _patience(problem: Problem) -> int | None:
+    """A circuit alone affords to be searched to the last digit, along whatever valley."""
+    return None if isinstance(problem.responder, CircuitResponder) else PATIENCE
 
 
 def to_the_end(
