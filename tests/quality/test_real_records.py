@@ -90,6 +90,16 @@ def test_step_1v_edge_rows_and_open_contact(real_runs: Path) -> None:
     assert abs(run.current[start:stop].mean()) < 2e-4
 
 
+def test_the_smooth_top_of_the_first_minute_is_not_cut(real_runs: Path) -> None:
+    """Five readings of 3.33548 mm in the rows 832 to 837, which the laser comes to and leaves by single steps."""
+    run = imported(real_runs, "step_2V")
+    arrays = {name: values[:1500] for name, values in run.channels.items() if len(values) == len(run)}
+    first = Run.from_arrays(time=run.time[:1500], hold=run.hold, metadata=run.metadata, **arrays)
+    assert first.displacement is not None
+    assert np.flatnonzero(first.displacement == first.displacement.max()).tolist() == [832, 833, 835, 836, 837]
+    assert "clipped" not in by_code(first)
+
+
 def test_step_3v_contact_and_rising_current(real_runs: Path) -> None:
     run = imported(real_runs, "step_3V")
     found = by_code(run)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Final
 
 from ipmclab.quality.asked import asked_beyond
 from ipmclab.quality.at_rest import not_at_rest
+from ipmclab.quality.beginning import begins_under_voltage
 from ipmclab.quality.contact import missing_contact
 from ipmclab.quality.cut_off import cut_off
 from ipmclab.quality.drift import before_step
@@ -32,6 +33,7 @@ _CHECKS: Final[tuple[Callable[[Record], list[Finding]], ...]] = (
     cut_off,
     sampling,
     no_excitation,
+    begins_under_voltage,
     missing_contact,
     lost_readings,
     flagged_rows,
@@ -114,6 +116,8 @@ def _without_echoes(findings: list[Finding]) -> list[Finding]:
         starts = {start for start, _ in finding.samples}
         stops = {stop for _, stop in finding.samples}
         match finding.code:
+            case "begins-under-voltage":
+                return bool(late)  # the current came within the record: that is when the strip saw the voltage
             case "contact-changed":
                 return starts <= ends
             case "clipped":

@@ -2,22 +2,29 @@
 
 from __future__ import annotations
 
+import math
 from typing import Final
 
 import numpy as np
 
-from ipmclab.quality.record import Channel, Record
+from ipmclab.quality.record import GUARD_ROWS, Channel, Record
 from ipmclab.run import Finding
 
 _SHORTEST: Final = 8
 _LATE: Final = 5
+_BEFORE: Final = 100
+"""Rows before an edge whose mean is the current that flowed until then."""
+_SURELY: Final = 8.0
+"""Standard errors by which the mean current of a stretch must differ from that before to be a current."""
 
 
 def missing_contact(record: Record) -> list[Finding]:
     """``contact-missing``: after a step of the voltage the current stays away for at least five rows.
 
     The current has come when it has moved by a fifth of its largest change on that stretch and
-    by eight standard deviations of the noise, and stays.
+    by eight standard deviations of the noise, and stays. Where it never does, a mean that differs by eight standard
+    errors from that before the edge is a current all the same. A voltage that is on from row 0 is no step, unless the
+    run states its rest or a current comes.
     """
     channel = record.channels.get("current")
     edges, ends = record.edges, record.ends
@@ -50,19 +57,22 @@ def _judge(record: Record, channel: Channel, place: int, before: float, least: f
         came = edge + int(above[0])
         if came - edge < _LATE or np.nanmedian(moved[above[0] : above[0] + 5]) < 0.4 * least:
             return None  # a spike, not the current
-    elif end - edge < 0.05 * len(record):
+    elif (
+        end - edge < 0.05 * len(record) or (edge == 0 and record.begins_under_voltage) or _flows(record, channel, place)
+    ):
         return None
     else:
         came = end
     count = came - edge
     seconds = float(record.run.time[min(came, len(record) - 1)] - record.run.time[edge])
     until = f"until {record.at(came)}" if came < end else "until the voltage changes again or the record ends"
+    begins = f"stands at {record.run.voltage[0]:.4g} V" if edge == 0 else f"steps by {record.heights[place]:.4g} V"
     return Finding(
         code="contact-missing",
         severity="error",
         channel="current",
         message=(
-            f"the voltage steps by {record.heights[place]:.4g} V at {record.at(edge)} but no current flows for "
+            f"the voltage {begins} at {record.at(edge)} but no current flows for "
             f"{count} rows ({seconds:.4g} s), {until}"
         ),
         repair=(
@@ -73,3 +83,16 @@ def _judge(record: Record, channel: Channel, place: int, before: float, least: f
         effect="mask",
         values={"edge_row": edge, "count": count, "seconds": seconds, "contact_row": came if came < end else None},
     )
+
+
+def _flows(record: Record, channel: Channel, place: int) -> bool:
+    """Whether a current that no reading shows above the noise flows all the same: the mean of the stretch says it."""
+    edge, end = int(record.edges[place]), int(record.ends[place])
+    known = channel.readings[edge:end]
+    known = known[np.isfinite(known)]
+    before = channel.readings[max(edge - _BEFORE, 0) : max(edge - GUARD_ROWS, 0)]
+    before = before[np.isfinite(before)] if edge else np.zeros(1)
+    if not len(known) or not len(before):
+        return False
+    error = channel.noise * math.sqrt(1.0 / len(known) + (1.0 / len(before) if edge else 0.0))
+    return abs(float(known.mean() - before.mean())) > _SURELY * error

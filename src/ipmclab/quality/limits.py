@@ -14,13 +14,16 @@ from ipmclab.run import QUALITY_FLAGS, Effect, Finding
 _NEAR_LIMIT: Final = 0.02
 _ROUND: Final = (1.0, 2.0, 5.0, 10.0)
 _FEWEST_QUANTA: Final = 30.0
+_AROUND: Final = 30
+"""Rows on either side of a flat top that show how noisy it is there."""
+_CHANCE: Final = 1e-2
 
 
 def clipping(record: Record) -> list[Finding]:
     """``clipped``: rows flagged at recording, and flat tops.
 
     A flat top is a run of at least three rows (four where stale readings repeat) at exactly the
-    largest or smallest reading that noise would not repeat, or that is entered and left more
+    largest or smallest reading that the noise around it would not repeat so often, or that is entered and left more
     abruptly than a smooth top of rounded readings. An end at an edge of the voltage or of the
     record says nothing. The voltage is flat by its nature: of it only flagged rows are told.
     """
@@ -138,8 +141,8 @@ def _is_cut(record: Record, channel: Channel, start: int, stop: int, extreme: fl
     """Whether a run at the extreme reading begins or ends as no smooth top of rounded readings can."""
     if start == 0 and _at_rest(record, stop):
         return False
-    if noise > max(3.0 * channel.quantum, 1e-6 * channel.span):
-        return True  # noise never repeats its extreme so often
+    if noise > max(3.0 * channel.quantum, 1e-6 * channel.span) and _noise_would_not_repeat(channel, start, stop, noise):
+        return True
     half = 0.5 * (stop - start - 1)
     parabola = ((half + 2.0) / half) ** 2 + 1.0  # a top that stays within a quantum for the run, two rows outside it
     least = parabola * channel.quantum + 4.0 * noise
@@ -150,6 +153,16 @@ def _is_cut(record: Record, channel: Channel, start: int, stop: int, extreme: fl
         if 0 <= row <= last and not record.near_edge[min(beside, last)]
     ]
     return bool(abrupt) and all(abrupt)
+
+
+def _noise_would_not_repeat(channel: Channel, start: int, stop: int, noise: float) -> bool:
+    """Whether noise leaves less than one chance in a hundred that the readings near the extreme hold such a run."""
+    around = np.r_[channel.readings[max(start - _AROUND, 0) : start], channel.readings[stop : stop + _AROUND]]
+    around = around[np.isfinite(around) & (around != channel.readings[start])]
+    noise = min(noise, noise_of_readings(around)) if len(around) >= _AROUND else noise
+    again = channel.quantum / (math.sqrt(2.0 * math.pi) * noise) if noise > 0.0 else 1.0
+    near = np.count_nonzero(np.abs(channel.values - channel.readings[start]) <= 4.0 * noise)
+    return bool(near * min(again + channel.stale, 1.0) ** (stop - start - 1) < _CHANCE)
 
 
 def _at_rest(record: Record, stop: int) -> bool:

@@ -29,6 +29,9 @@ NO_VOLTAGE: Final = 0.01
 
 _SENTINEL_REPEATS: Final = 3
 
+_INRUSH: Final = 10.0
+"""Standard deviations of the noise by which an inrush stands out."""
+
 
 @dataclass(frozen=True, eq=False)
 class Channel:
@@ -189,9 +192,30 @@ class Record:
         return np.append(self.edges[1:], len(self)) if len(self.edges) else self.edges
 
     @cached_property
+    def begins_under_voltage(self) -> bool:
+        """Whether the voltage is on from row 0 and nothing says that it was switched on there.
+
+        A run that states its rest says so, and a current of which one of the first rows stands beside the median of the
+        stretch by ten standard deviations of its noise and by that median itself. Without a current, a known hold
+        counts as such a statement.
+        """
+        if not len(self.edges) or self.edges[0] != 0 or self.run.metadata.starts_from_rest:
+            return False
+        current = self.channels.get("current")
+        if current is None or np.isnan(first := current.readings[: min(GUARD_ROWS + 1, self.ends[0])]).all():
+            return self.run.hold == "unknown"
+        usual = float(np.nanmedian(current.readings[: self.ends[0]]))
+        return not bool(np.nanmax(np.abs(first - usual)) > max(_INRUSH * current.noise, abs(usual)))
+
+    @property
+    def shows_no_edge(self) -> bool:
+        """Whether the record begins under a constant voltage and stays there to its end."""
+        return self.begins_under_voltage and len(self.edges) == 1 and bool(self.constant_after[0])
+
+    @cached_property
     def steps_from_rest(self) -> bool:
         """Whether there is no voltage before the first edge."""
-        if not len(self.edges):
+        if not len(self.edges) or self.begins_under_voltage:
             return False
         before = self.run.voltage[: self.edges[0]]
         return not len(before) or bool(np.abs(before).max() <= max(NO_VOLTAGE, 0.02 * abs(float(self.heights[0]))))

@@ -12,6 +12,8 @@ from ipmclab.run import Finding
 
 _BLOCKS: Final = 50
 _WINDOWS: Final = (5, 20, 80, 320)
+_SURELY: Final = 8.0
+"""Standard errors by which the mean of a current differs from zero that is none of its noise."""
 _SLOW: Final = 0.2
 """Below this frequency [Hz] an actuator follows the voltage with less than 135 degrees of lag."""
 
@@ -39,7 +41,8 @@ def nothing_but_noise(record: Record) -> list[Finding]:
     """``noise-only``: a channel that varies no more than its noise, or by less than two of its quanta.
 
     The means of fifty blocks differ by less than six standard errors (or two quanta), and the
-    readings are correlated neither with the voltage nor with its slope.
+    readings are correlated neither with the voltage nor with its slope. A current under a constant voltage whose mean
+    is eight standard errors from zero has settled, and is more than noise.
     """
     if not record.excited:
         return []
@@ -69,7 +72,7 @@ def opposite_response(record: Record) -> list[Finding]:
 
     At positive voltage the current is positive (a passive strip takes power) and the
     displacement and the force are towards the anode, which is positive. Judged at the first
-    edge from rest, where the answer is ten standard errors clear of the noise; without an edge
+    edge from rest, where the answer is ten standard errors clear of the noise; without such an edge
     by the power (current), or by the correlation with a voltage slower than 0.2 Hz.
     """
     if not record.excited:
@@ -107,6 +110,9 @@ def _is_noise(record: Record, channel: Channel) -> bool:
     quantum = channel.quantum
     if scatter > max(1.3 * channel.noise, 0.6 * quantum):
         return False
+    error = max(channel.noise, scatter) / math.sqrt(len(values))
+    if channel.name == "current" and record.shows_no_edge and abs(float(values.mean())) > _SURELY * error:
+        return False  # one that has settled
     rows = len(values) // _BLOCKS
     means = centred[: rows * _BLOCKS].reshape(_BLOCKS, rows).mean(axis=1)
     spread = float(np.ptp(means))

@@ -48,7 +48,8 @@ def rising_current(record: Record) -> list[Finding]:
     error = max(own, math.sqrt(2.0) * wander, channel.noise * math.sqrt(2.0 / rows))
     if rise[top] < 8.0 * error or rise[top] < 0.1 * abs(float(means[low])):
         return []
-    first, second = edge + peak + low * rows, edge + peak + top * rows
+    # The mean of a block is the current in its middle.
+    first, second = (edge + peak + block * rows + rows // 2 for block in (low, top))
     return [
         Finding(
             code="current-rises",
@@ -63,7 +64,7 @@ def rising_current(record: Record) -> list[Finding]:
                 "or a changing contact. Identify from the part before (rows of the import map), or try a leak that "
                 "grows: identify ACTUATOR+leak.exponential+leak.slow with --free electrical,leak"
             ),
-            samples=((first + rows, second + rows),),
+            samples=((first, second + 1),),
             values={
                 "low": sign * float(means[low]),
                 "high": sign * float(means[top]),

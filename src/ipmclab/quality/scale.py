@@ -19,7 +19,7 @@ nothing but noise, are not called too small.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, Final
 
@@ -109,6 +109,10 @@ def wrong_scales(record: Record, noise_only: frozenset[str], actuator: Actuator 
         return []
     seen = kept(record.run, "scales", lambda: seen_in(record, noise_only))
     geometry = per_dimensions(actuator)
+    if record.shows_no_edge:
+        # What is left of an answer says of neither its size nor its speed how large it was.
+        rest = replace(seen, hidden=frozenset(record.channels))
+        return _off(record, rest, geometry)
     if seen.settling is not None:
         least, most = bounds(TIME)
         if not least <= seen.settling <= most:
