@@ -187,7 +187,7 @@ def test_a_run_in_which_nothing_can_be_scored_gets_a_reason_and_no_empty_table(c
     write_run(run, tmp_path / "silent.nc")
     assert command("validate", "friend-2", "silent.nc").out == (
         "No score of current in silent.nc: no usable sample of this output.\n"
-        "friend-2:\nNothing could be scored in 1 run that the model never saw.\n"
+        "friend-2:\nNothing could be scored in 1 run that was not given to its fit.\n"
     )
 
 

@@ -279,7 +279,8 @@ def test_a_real_record_is_scored_without_its_missing_contact(actuator: Actuator,
 def test_every_finding_of_a_validation_is_explained_in_the_documentation() -> None:
     root = Path(__file__).parents[2]
     source = (root / "src/ipmclab/prediction/validate.py").read_text("utf-8")
-    source += (root / "src/ipmclab/prediction/open_coupling.py").read_text("utf-8")
+    for name in ("open_coupling", "said_of_run"):
+        source += (root / f"src/ipmclab/prediction/{name}.py").read_text("utf-8")
     codes = set(re.findall(r'Finding\(\s*"([a-z-]+)"', source))
     assert {"used-in-fit", "zero-taken-off"} <= codes
     rows = re.findall(r"^\| (`[^|]*`) \|", (root / "docs/commands.md").read_text("utf-8"), flags=re.MULTILINE)

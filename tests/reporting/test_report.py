@@ -117,7 +117,7 @@ def test_everything_that_was_found_is_there(material, page) -> None:
 
 def test_the_verdict_comes_first_and_in_words(page) -> None:
     verdict = page.text[: page.text.index("How this was made")]
-    assert "the model predicts 1 run that it never saw: current with a fit of" in verdict
+    assert "the model predicts 1 run that was not given to its fit: current with a fit of" in verdict
     assert "2 of 4 free parameters are not determined by these runs: coupling.gain and coupling.zero." in verdict
 
 
@@ -161,7 +161,7 @@ def test_a_prediction_worse_than_a_constant_is_called_a_failure(material, tmp_pa
     opposite = [replace(run, displacement=-run.displacement) for run in material.validation_runs]
     path = report(material.fit, runs=material.runs, validation_runs=opposite, path=tmp_path / "report.html")
     told = Page(path.read_text("utf-8")).text
-    assert re.search(r"never saw: current with a fit of \d\d\.\d+\s%\.", told)
+    assert re.search(r"not given to its fit: current with a fit of \d\d\.\d+\s%\.", told)
     assert re.search(
         r"It does not predict the displacement of square 1 V \S+ Hz \(−\d+\.\d\s%\): a constant would have been nearer",
         told,
@@ -174,7 +174,7 @@ def test_a_prediction_worse_than_a_constant_is_called_a_failure(material, tmp_pa
 def test_a_run_of_the_fit_is_no_prediction(material, tmp_path) -> None:
     path = report(material.fit, runs=material.runs, validation_runs=material.runs[:1], path=tmp_path / "report.html")
     told = Page(path.read_text("utf-8")).text
-    assert "never saw" not in told
+    assert "not given to its fit" not in told
     assert "runs that were not used" not in told
     assert "step 1 V was used to identify the actuator" in told
 
@@ -201,7 +201,10 @@ def test_the_verdict_scores_only_what_the_model_never_saw(material, tmp_path) ->
     alone = validate(material.fit.actuator, [noisy]).scores["current"].fit_percent
     together = validate(material.fit.actuator, runs).scores["current"].fit_percent
     assert percent(together) != percent(alone)
-    assert f"1 run that it never saw: current with a fit of {percent(alone)}" in Page(path.read_text("utf-8")).text
+    assert (
+        f"1 run that was not given to its fit: current with a fit of {percent(alone)}"
+        in Page(path.read_text("utf-8")).text
+    )
 
 
 def test_a_validation_that_shows_nothing_is_a_doubt(material, tmp_path) -> None:
@@ -209,9 +212,9 @@ def test_a_validation_that_shows_nothing_is_a_doubt(material, tmp_path) -> None:
     fit = replace(material.fit, parameters=determined)
     silent = replace(material.validation_runs[0], current=np.zeros(600), displacement=None)
     for name, runs, words in (
-        ("silent", [silent], "Nothing could be scored in 1 run that the model never saw"),
+        ("silent", [silent], "Nothing could be scored in 1 run that was not given to its fit"),
         ("used", material.runs[:1], "those scores show the fit"),
-        ("fresh", material.validation_runs, "it never saw"),
+        ("fresh", material.validation_runs, "not given to its fit"),
     ):
         page = Page(
             report(fit, runs=material.runs, validation_runs=runs, path=tmp_path / f"{name}.html").read_text("utf-8")

@@ -18,7 +18,6 @@ from ipmclab.identification.problem.earlier_fit import fitted_runs, zeros_of_fit
 from ipmclab.identification.problem.free_run import edge_delay, predict, seen_from_sensor, sensor_zero
 from ipmclab.identification.problem.in_state import rates_of, strip_in_state
 from ipmclab.identification.problem.record import (
-    LONGEST_DELAY,
     READ_OUTPUTS,
     PreparedRun,
     label_of,
@@ -33,6 +32,7 @@ from ipmclab.prediction.bands_of_run import another_mounting, band_of_run, own_m
 from ipmclab.prediction.in_state import environment_of_run, state_in
 from ipmclab.prediction.open_coupling import open_coupling
 from ipmclab.prediction.own_of_mounting import own_of_mounting
+from ipmclab.prediction.said_of_run import said_of_run
 from ipmclab.prediction.scores import Comparison, Score, score
 from ipmclab.quality import check
 from ipmclab.run import Finding, Run, RunMetadata
@@ -200,7 +200,7 @@ def validate(actuator: Actuator | Fit, runs: Sequence[Run] | Run, *, used: Itera
     for place, (run, label) in enumerate(zip(given, labels, strict=True)):
         one = _validate_run(actuator, run, place, label, known.get(run.content_sha256), fit)
         done.append(one)
-        findings += _findings(one)
+        findings += said_of_run(one)
         findings += [*own_mounting(fit, run, label), *another_mounting(fit, run, label)] if fit is not None else []
         findings += [] if one.used_in_fit else environment_of_run(fit, actuator, run, label)
     pooled = {
@@ -330,71 +330,3 @@ def _pooled(output: str, members: Sequence[tuple[int, RunValidation]]) -> Score:
     else:
         pooled = replace(pooled, reason=members[0][1].scores[output].reason)
     return replace(pooled, autocorrelation=np.empty(0), autocorrelation_band=np.empty(0))
-
-
-def _findings(one: RunValidation) -> list[Finding]:
-    """What the user must know about how this run was compared."""
-    found: list[Finding] = []
-    if one.used_in_fit:
-        found.append(
-            Finding(
-                "used-in-fit",
-                "info",
-                f"{one.label} was used to identify the actuator: its scores show a fit, not a prediction",
-                repair="validate on a run that identify was not given",
-            )
-        )
-    if one.run.hold == "unknown":
-        found.append(_told_delay(one))
-    for name, zero in one.zeros.items():
-        amount = f"{CHANNELS[name].to_display(zero):.3g} {CHANNELS[name].display_unit}"
-        source = "as in the fit" if one.used_in_fit else "the mean before the voltage first moves"
-        found.append(
-            Finding(
-                "zero-taken-off",
-                "info",
-                f"{one.label}: {amount} of {name}, {source}, was taken off as the sensor's zero",
-                channel=name,
-                values={"zero": zero},
-            )
-        )
-    if one.run.metadata.starts_from_rest is False and not one.used_in_fit:
-        found.append(
-            Finding(
-                "assumed-rest",
-                "warning",
-                f"{one.label} does not start from rest, yet the prediction does: its beginning cannot agree",
-                repair="begin a record when the strip is discharged, or judge the later part",
-            )
-        )
-    # Where the laser lost the strip, the rows of the prediction are none of the record's.
-    found += [
-        replace(beyond, message=f"{one.label}: {beyond.message}", samples=(), effect="none")
-        for beyond in one.predicted.metadata.findings
-    ]
-    return found
-
-
-def _told_delay(one: RunValidation) -> Finding:
-    """Where the edges of a foreign record were taken to lie."""
-    start = f"{one.label} does not say when its output changed"
-    if one.delay is None:
-        return Finding(
-            "no-edge-shown",
-            "info",
-            f"{start}, and its voltage shows no edge: the strip was taken to see it at its rows",
-            repair="keep some rows before the first edge when cutting a record",
-        )
-    side = "before" if one.delay < 0 else "after"
-    text = f"{start}: the strip was taken to see the voltage {abs(one.delay) * 1e3:.3g} ms {side} its row"
-    if one.used_in_fit:
-        return Finding("delay-of-the-fit", "info", f"{text}, as in the fit", values={"delay": one.delay})
-    at_end = abs(one.delay) * one.run.rate > LONGEST_DELAY - 0.1
-    return Finding(
-        "estimated-delay",
-        "warning" if at_end else "info",
-        f"{text}, the delay at which the predicted shape is nearest"
-        + (f"; that is the end of the {LONGEST_DELAY} rows searched" if at_end else ""),
-        repair="use a model of this strip, or say how the voltage was held (hold) when importing" if at_end else "",
-        values={"delay": one.delay},
-    )

@@ -12,6 +12,7 @@ from ipmclab.fit.fit_file import fit_of
 from ipmclab.identification.environment.remarks import EXTRAPOLATED
 from ipmclab.model import Actuator
 from ipmclab.prediction.open_coupling import NOT_IDENTIFIED
+from ipmclab.prediction.said_of_run import begins_under_voltage, turned_outputs
 from ipmclab.prediction.scores import fit_in_words, score
 from ipmclab.prediction.validate import RunValidation, Validation
 from ipmclab.units import CHANNELS
@@ -55,7 +56,7 @@ def verdict_of(validation: Validation, percent: Callable[[float], str] = fit_in_
     >>> strip = load_actuator("friend-2")
     >>> run = simulate(strip, "square 1 V 0.1 Hz", duration=20.0, rate=50.0)
     >>> print(*verdict_of(validate(strip.replace(**{"circuit.dc_resistivity": 40.0}), run)).sentences)
-    From its voltage alone the model predicts 1 run that it never saw: current with a fit of 99.1 %, \
+    From its voltage alone the model predicts 1 run that was not given to its fit: current with a fit of 99.1 %, \
 displacement with a fit of 99.0 % and force with a fit of 99.0 %.
     """
     fresh = [one for one in validation.runs if not one.used_in_fit]
@@ -83,7 +84,7 @@ displacement with a fit of 99.0 % and force with a fit of 99.0 %.
             ]
             if scored:
                 sentences.append(
-                    f"From its voltage alone the model {how} {_runs(met)} that it never saw: {_listed(scored)}"
+                    f"From its voltage alone the model {how} {_new(met)}: {_listed(scored)}"
                     f"{'' if which else ', where a constant has 0 %'}."
                 )
     if missed:
@@ -94,12 +95,10 @@ displacement with a fit of 99.0 % and force with a fit of 99.0 %.
                 for output in dict.fromkeys(name for name, *_ in missed)
             ]
         )
-        sentences.append(
-            f"It does not predict {told}: a constant would have been nearer. The strip or its state was another one "
-            "(water, contact, temperature), or the model holds only for the voltages and the duration of its own runs."
-        )
+        nearer = f"It does not predict {told}: a constant would have been nearer."
+        sentences.append(" ".join([nearer, *_causes(fresh, missed)]))
     if fresh and not (predicted or missed):
-        sentences.append(f"Nothing could be scored in {_runs(fresh)} that the model never saw.")
+        sentences.append(f"Nothing could be scored in {_new(fresh)}.")
     if guessed:
         sentences.append(
             "Displacement and force are not judged: the fit did not identify the coupling, so the file's own values "
@@ -125,6 +124,32 @@ displacement with a fit of 99.0 % and force with a fit of 99.0 %.
     return Verdict(predicted, tuple(missed), tuple(sentences))
 
 
+def _causes(fresh: Sequence[RunValidation], missed: Sequence[tuple[str, str, float]]) -> list[str]:
+    """Why outputs were missed: first what the records themselves show, then what may be."""
+    turned = [(output, one.label) for one in fresh for output in turned_outputs(one)]
+    names = {label for _, label, _ in missed}
+    begin = [one.label for one in fresh if one.label in names and begins_under_voltage(one)]
+    said = []
+    if turned:
+        which = _listed([f"the {CHANNELS[output].name} of {label}" for output, label in turned])
+        said.append(
+            f"{which[0].upper()}{which[1:]} {'goes' if len(turned) == 1 else 'go'} the other way than predicted, and "
+            "minus the prediction follows: the sign of the channel is turned, in this record or in the runs of the fit."
+        )
+    if begin:
+        said.append(
+            f"{_listed(begin)} {'begins' if len(begin) == 1 else 'begin'} under voltage, and the prediction from rest: "
+            "the state at the start is not known, and the beginning cannot be predicted."
+        )
+    others = [one for one in missed if one[1] not in begin and one[:2] not in turned]
+    if others:
+        said.append(
+            f"{'Elsewhere the' if said else 'The'} strip or its state was another one (water, contact, temperature), "
+            "or the model holds only for the voltages and the duration of its own runs."
+        )
+    return said
+
+
 def _said_by_itself(actuator: Actuator) -> list[str]:
     """What a fit that is not to be used says of itself."""
     if actuator.fit_table is None:
@@ -136,8 +161,11 @@ def _said_by_itself(actuator: Actuator) -> list[str]:
     return [f"{said} (So said identify.)"] if said.startswith(REFUSED) else []
 
 
-def _runs(runs: Sequence[RunValidation]) -> str:
-    return f"{len(runs)} run{'s' if len(runs) > 1 else ''}"
+def _new(runs: Sequence[RunValidation]) -> str:
+    # More is not known: runs are told apart by their content as a whole, and may share rows with one of the fit.
+    return (
+        f"{len(runs)} runs that were not given to its fit" if len(runs) > 1 else "1 run that was not given to its fit"
+    )
 
 
 def _was(names: Sequence[str]) -> str:

@@ -7,8 +7,6 @@ from typing import Final
 from ipmclab.quality.record import Record
 from ipmclab.run import Finding
 
-CODE: Final = "begins-under-voltage"
-
 REPAIR: Final = "keep some rows from before the voltage is switched on when cutting or starting a record"
 
 
@@ -22,7 +20,7 @@ def begins_under_voltage(record: Record) -> list[Finding]:
     voltage = float(record.run.voltage[0])
     return [
         Finding(
-            code=CODE,
+            code="begins-under-voltage",
             severity="warning",
             message=(
                 f"the record begins under voltage ({voltage:.4g} V at row 0) and has no edge: the state at its start "

@@ -31,6 +31,7 @@ _SENTINEL_REPEATS: Final = 3
 
 _INRUSH: Final = 10.0
 """Standard deviations of the noise by which an inrush stands out."""
+_STANDS: Final = 0.25
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,7 +194,7 @@ class Record:
 
     @cached_property
     def begins_under_voltage(self) -> bool:
-        """Whether the voltage is on from row 0 and nothing says that it was switched on there.
+        """Whether the voltage stands from row 0 on, for a quarter of the record, and nothing says that it began there.
 
         A run that states its rest says so, and a current of which one of the first rows stands beside the median of the
         stretch by ten standard deviations of its noise and by that median itself. Without a current, a known hold
@@ -201,6 +202,8 @@ class Record:
         """
         if not len(self.edges) or self.edges[0] != 0 or self.run.metadata.starts_from_rest:
             return False
+        if not self.constant_after[0] or self.ends[0] < _STANDS * len(self):
+            return False  # a wave, of whose beginning a strip soon forgets
         current = self.channels.get("current")
         if current is None or np.isnan(first := current.readings[: min(GUARD_ROWS + 1, self.ends[0])]).all():
             return self.run.hold == "unknown"
@@ -210,7 +213,7 @@ class Record:
     @property
     def shows_no_edge(self) -> bool:
         """Whether the record begins under a constant voltage and stays there to its end."""
-        return self.begins_under_voltage and len(self.edges) == 1 and bool(self.constant_after[0])
+        return self.begins_under_voltage and len(self.edges) == 1
 
     @cached_property
     def steps_from_rest(self) -> bool:

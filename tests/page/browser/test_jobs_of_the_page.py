@@ -207,7 +207,7 @@ def test_a_strip_is_identified_cancelled_compared_saved_and_reported(address: st
     assert Path(saved.value.path()).read_bytes() == (lab / "report.html").read_bytes()
     with page.context.expect_page() as opened:
         page.get_by_role("link", name="report.html").click()
-    opened.value.get_by_text("From its voltage alone the model predicts 1 run that it never saw").wait_for()
+    opened.value.get_by_text("From its voltage alone the model predicts 1 run that was not given to its fit").wait_for()
 
 
 def test_sliders_move_the_response_the_strip_and_the_frequency_response(address: str, open_page, lab: Path) -> None:

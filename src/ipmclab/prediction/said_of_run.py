@@ -1,0 +1,143 @@
+"""What the user must know about how a run was compared, and what it shows of why it was missed."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from ipmclab.identification.problem.record import LONGEST_DELAY
+from ipmclab.quality import check
+from ipmclab.quality.beginning import REPAIR
+from ipmclab.quality.record import Record
+from ipmclab.run import Finding
+from ipmclab.units import CHANNELS
+
+if TYPE_CHECKING:
+    from ipmclab.prediction.scores import Comparison
+    from ipmclab.prediction.validate import RunValidation
+
+_GOOD: Final = 50.0
+"""Percent of fit of minus the prediction from which on nothing but a sign explains it."""
+_AGAINST: Final = -0.9
+"""Cosine between readings and prediction below which they lie on opposite sides of rest."""
+
+
+def begins_under_voltage(one: RunValidation) -> bool:
+    """Whether the voltage was on before the record began, so that a prediction from rest cannot meet its beginning."""
+    return not one.used_in_fit and Record.of(one.run).begins_under_voltage
+
+
+def turned_outputs(one: RunValidation) -> tuple[str, ...]:
+    """The outputs that were missed, and that minus the prediction follows.
+
+    Minus the prediction has a fit of 50 % and more; or it lies on the side of the readings (a cosine beyond 0.9), and
+    the record by itself shows that this channel answers the wrong way.
+    """
+    if one.used_in_fit or begins_under_voltage(one):
+        return ()
+    opposite = {finding.channel for finding in check(one.run) if finding.code == "response-opposite"}
+    return tuple(
+        name
+        for name, score in one.scores.items()
+        if score.fit_percent is not None
+        and score.fit_percent <= 0.0
+        and _is_turned(one.comparisons[name], shown=name in opposite)
+    )
+
+
+def _is_turned(comparison: Comparison, *, shown: bool) -> bool:
+    read, told = comparison.measured[comparison.used], comparison.predicted[comparison.used]
+    if float(np.linalg.norm(read + told)) <= (1.0 - _GOOD / 100.0) * float(np.linalg.norm(read - read.mean())):
+        return True
+    return shown and float(read @ told) < _AGAINST * float(np.linalg.norm(read) * np.linalg.norm(told))
+
+
+def said_of_run(one: RunValidation) -> list[Finding]:
+    """What the user must know about how this run was compared."""
+    found = [
+        Finding(
+            "sign-turned",
+            "warning",
+            f"{one.label}: the {CHANNELS[name].name} goes the other way than predicted, and minus the prediction "
+            "follows it: its sign is turned, here or in the runs of the fit",
+            repair="turn the sign of this channel in the import map or the rig file, of the record that is wrong",
+            channel=name,
+        )
+        for name in turned_outputs(one)
+    ]
+    begins = begins_under_voltage(one)
+    if begins:
+        found.append(
+            Finding(
+                "begins-under-voltage",
+                "warning",
+                f"{one.label} begins under voltage, the prediction from rest: its beginning cannot be predicted",
+                repair=REPAIR,
+                values={"voltage": float(one.run.voltage[0])},
+            )
+        )
+    if one.used_in_fit:
+        found.append(
+            Finding(
+                "used-in-fit",
+                "info",
+                f"{one.label} was used to identify the actuator: its scores show a fit, not a prediction",
+                repair="validate on a run that identify was not given",
+            )
+        )
+    if one.run.hold == "unknown" and not (begins and one.delay is None):
+        found.append(_told_delay(one))
+    for name, zero in one.zeros.items():
+        amount = f"{CHANNELS[name].to_display(zero):.3g} {CHANNELS[name].display_unit}"
+        source = "as in the fit" if one.used_in_fit else "the mean before the voltage first moves"
+        found.append(
+            Finding(
+                "zero-taken-off",
+                "info",
+                f"{one.label}: {amount} of {name}, {source}, was taken off as the sensor's zero",
+                channel=name,
+                values={"zero": zero},
+            )
+        )
+    if one.run.metadata.starts_from_rest is False and not (one.used_in_fit or begins):
+        found.append(
+            Finding(
+                "assumed-rest",
+                "warning",
+                f"{one.label} does not start from rest, yet the prediction does: its beginning cannot agree",
+                repair="begin a record when the strip is discharged, or judge the later part",
+            )
+        )
+    # Where the laser lost the strip, the rows of the prediction are none of the record's.
+    found += [
+        replace(beyond, message=f"{one.label}: {beyond.message}", samples=(), effect="none")
+        for beyond in one.predicted.metadata.findings
+    ]
+    return found
+
+
+def _told_delay(one: RunValidation) -> Finding:
+    """Where the edges of a foreign record were taken to lie."""
+    start = f"{one.label} does not say when its output changed"
+    if one.delay is None:
+        return Finding(
+            "no-edge-shown",
+            "info",
+            f"{start}, and its voltage shows no edge: the strip was taken to see it at its rows",
+            repair="keep some rows before the first edge when cutting a record",
+        )
+    side = "before" if one.delay < 0 else "after"
+    text = f"{start}: the strip was taken to see the voltage {abs(one.delay) * 1e3:.3g} ms {side} its row"
+    if one.used_in_fit:
+        return Finding("delay-of-the-fit", "info", f"{text}, as in the fit", values={"delay": one.delay})
+    at_end = abs(one.delay) * one.run.rate > LONGEST_DELAY - 0.1
+    return Finding(
+        "estimated-delay",
+        "warning" if at_end else "info",
+        f"{text}, the delay at which the predicted shape is nearest"
+        + (f"; that is the end of the {LONGEST_DELAY} rows searched" if at_end else ""),
+        repair="use a model of this strip, or say how the voltage was held (hold) when importing" if at_end else "",
+        values={"delay": one.delay},
+    )
