@@ -59,6 +59,12 @@ def test_a_record_with_its_edge_does_not_begin_under_voltage(strip: Actuator) ->
     assert verdict_of(validation).missed == ()
 
 
+def test_a_contact_that_comes_within_a_record_begins_at_rest(strip: Actuator) -> None:
+    whole = read(strip)
+    late = replace(whole, voltage=np.ones(len(whole)))
+    assert "begins-under-voltage" not in {finding.code for finding in validate(strip, late).findings}
+
+
 @pytest.mark.parametrize("scale", [1.0, 1.6])
 def test_a_turned_channel_is_called_so(strip: Actuator, scale: float) -> None:
     run = part(read(strip), 0, "turned.nc")

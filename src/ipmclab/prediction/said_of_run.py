@@ -25,8 +25,13 @@ _AGAINST: Final = -0.9
 
 
 def begins_under_voltage(one: RunValidation) -> bool:
-    """Whether the voltage was on before the record began, so that a prediction from rest cannot meet its beginning."""
-    return not one.used_in_fit and Record.of(one.run).begins_under_voltage
+    """Whether the voltage was on before the record began, so that a prediction from rest cannot meet its beginning.
+
+    Not where the contact came within the record: until then the strip was at rest.
+    """
+    if one.used_in_fit or not Record.of(one.run).begins_under_voltage:
+        return False
+    return not any(finding.code == "contact-missing" for finding in check(one.run))
 
 
 def turned_outputs(one: RunValidation) -> tuple[str, ...]:

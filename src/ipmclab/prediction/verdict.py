@@ -1,4 +1,4 @@
-"""What a validation says in sentences: what is predicted of runs that a model never saw, and what is not."""
+"""What a validation says in sentences: what is predicted of runs that its fit was not given, and what is not."""
 
 from __future__ import annotations
 
