@@ -81,6 +81,13 @@ def test_the_mean_after_an_edge_says_whether_a_current_flows(current: float, ope
     assert ("contact-missing" in codes(run)) is open_circuit
 
 
+def test_a_reading_that_never_changes_is_no_current() -> None:
+    """Means of equal readings differ by their rounding."""
+    voltage = np.where(np.arange(ROWS) < 25, 0.0, 1.0)
+    run = Run.from_arrays(time=np.arange(ROWS) / 25.0, voltage=voltage, current=np.full(ROWS, 1e-3))
+    assert "contact-missing" in codes(run)
+
+
 def test_a_current_that_comes_within_a_cut_had_no_contact_before(read: Read) -> None:
     late = read("step 1 V delay=2 s")
     run = Run.from_arrays(time=late.time, voltage=np.ones(len(late)), current=late.current, hold="unknown")

@@ -95,4 +95,5 @@ def _flows(record: Record, channel: Channel, place: int) -> bool:
     if not len(known) or not len(before):
         return False
     error = channel.noise * math.sqrt(1.0 / len(known) + (1.0 / len(before) if edge else 0.0))
-    return abs(float(known.mean() - before.mean())) > _SURELY * error
+    rounding = 1e-9 * float(np.abs(known).max())
+    return abs(float(known.mean() - before.mean())) > _SURELY * error + rounding
