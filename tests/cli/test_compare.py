@@ -94,3 +94,13 @@ def test_no_run_at_all(command: Command, tmp_path: Path) -> None:
 def test_a_file_that_is_named_twice_is_one_run(command: Command, steps: list[str], tmp_path: Path) -> None:
     done = command("compare", steps[0], *steps, str(tmp_path), "--by", "voltage", "--json")
     assert len(done.document["runs"]) == len(steps)
+
+
+def test_two_runs_are_shown_side_by_side_and_why_no_effect_is_told(command: Command, steps: list[str]) -> None:
+    done = command("compare", *steps[:2])
+    text = " ".join(done.out.split())
+    assert "no effect: the runs differ in voltage" in text
+    (row,) = [line for line in done.out.splitlines() if line.startswith("step: force, largest")]
+    forces = [float(word) for word in row.split() if word[0].isdigit()]
+    assert forces[1] == pytest.approx(2.0 * forces[0], rel=0.05)
+    assert "metrics of each run" not in text

@@ -149,9 +149,27 @@ def test_real_records_are_compared(real_runs: Path) -> None:
     largest = {row.run: abs(row.metrics["displacement.largest"].value) for row in found.rows}
     assert largest["step_2V_poor"] == pytest.approx(0.43e-3, rel=0.1)
     assert "contact-missing" in found.doubtful["step_3V"]
+    assert not [key for row in found.rows for key in row.metrics if key.startswith("force")]  # nothing was pushed
+    assert found.performances == ()
+    assert found.only_noise == (f"the force holds nothing but noise in {', '.join(names)}: it has no metrics there",)
     assert all(len(trend.told) == 5 for trend in found.trends)
     (model,) = [model for model in found.models if model.key == "displacement.largest"]
     (voltage,) = model.effects()
     assert voltage.interval is not None
     assert voltage.interval[0] < 0.1
     assert voltage.interval[1] > 10.0
+
+
+def test_why_no_effect_is_told() -> None:
+    """Repeats differ in nothing; two levels in two runs leave no scatter, and four runs do."""
+    strip = ipmclab.load_actuator("friend-4-measured")
+
+    def run(volts: float, place: int) -> Run:
+        return replace(ipmclab.simulate(strip, f"step {volts} V", duration=10.0, rate=10.0), file=f"{place}.nc")
+
+    repeats = compare([run(1.0, 1), run(1.0, 2)])
+    assert repeats.why_no_effects.startswith("no effect: as far as is known the runs do not differ in membrane")
+    two = compare([run(1.0, 1), run(2.0, 2)])
+    assert two.why_no_effects.startswith("no effect: the runs differ in voltage, which takes 4 runs of one waveform")
+    four = compare([run(volts, place) for place, volts in enumerate((1.0, 2.0, 3.0, 4.0))])
+    assert four.why_no_effects == ""

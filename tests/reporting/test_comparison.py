@@ -16,9 +16,16 @@ from ipmclab.comparison.compare import Comparison, compare
 from ipmclab.comparison.factors import chosen_factors
 from ipmclab.comparison.table import RunRow
 from ipmclab.quality.metrics import Metric
-from ipmclab.reporting.comparison import comparison_figures, figure_csv, write_comparison, write_comparison_data
+from ipmclab.reporting.comparison import (
+    comparison_figures,
+    comparison_html,
+    figure_csv,
+    write_comparison,
+    write_comparison_data,
+)
 from ipmclab.reporting.figures.comparison import effects_figure, factor_figures
 from ipmclab.reporting.style import COLOURS, SERIES
+from ipmclab.reporting.wording import NO_BREAK
 from tests.comparison.campaigns import campaign
 
 SIGNAL = "multisine 1 V 0.1 Hz 2 Hz harmonics=odd phases=random left_out=4"
@@ -144,3 +151,16 @@ def test_each_metric_says_its_own_levels_where_they_differ() -> None:
     said = " ".join(label.get_text() for label in panel.get_yticklabels())
     assert "2 V over 1 V" in said
     assert "3 V over 1 V" in said
+
+
+def test_a_mean_says_of_how_many_runs_and_from_where_to_where() -> None:
+    """Free displacements of 12 and 0.4 mm are no strip of 6.2 mm."""
+
+    def row(name: str, **values: float) -> RunRow:
+        metrics = {f"{one}.largest": Metric("largest", one, value, "", None, "") for one, value in values.items()}
+        return RunRow(name, "s", "", "", "step 2 V", "step", {"voltage": 2.0}, metrics)
+
+    rows = (row("1", displacement=12e-3, force=1e-3), row("2", displacement=-0.4e-3))
+    page = comparison_html(Comparison(rows, (), (), {}, {}, {}, ())).replace(NO_BREAK, " ")
+    assert "6.20 mm (mean of 2 runs, 0.400 mm to 12.0 mm)" in page
+    assert '<td class="number">1.00 mN</td>' in page  # of one run

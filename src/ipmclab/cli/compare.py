@@ -24,6 +24,9 @@ if TYPE_CHECKING:
 NAMELESS = "{count} of the runs name no sample: in effects each counts as a strip of its own"
 """What a terminal says of runs whose strip may be any."""
 
+_COLUMNS = 5
+"""Runs side by side in a terminal."""
+
 _LISTED = 40
 """Effects that a terminal shows; the page and --json have all."""
 
@@ -201,6 +204,8 @@ def _print(found: Comparison) -> None:
         print_table(["metric", "factor", "from", "to", "effect", "95 % interval", "p"], rows[:_LISTED])
         if len(rows) > _LISTED:
             print(f"{len(rows) - _LISTED} more effects: see --out and --json")
+    elif found.rows:
+        _print_runs(found)
     for trend in found.trends:
         if trend.key.endswith((".largest", ".amplitude")):
             print_paragraph(f"{trend.waveform}, {trend.key} over {trend.factor.label}: {trend}.")
@@ -209,6 +214,7 @@ def _print(found: Comparison) -> None:
         if unlike:
             print_paragraph(f"{name}: {', '.join(unlike)} unlike the other strips.")
     remarks = [f"{one.run} is left out: {one.message}" for one in found.unread]
+    remarks += found.only_noise
     if found.nameless:
         remarks.append(NAMELESS.format(count=found.nameless))
     if found.doubtful:
@@ -228,6 +234,26 @@ def _print(found: Comparison) -> None:
         for name, others in model.together.items()
     )
     print_remarks([*remarks, *reasons, *together])
+
+
+def _print_runs(found: Comparison) -> None:
+    """Where no effect is told: why, and the numbers of each run."""
+    from ipmclab.cli.output import read
+    from ipmclab.comparison.display import metric_label, quantity_of
+
+    if found.why_no_effects:
+        print_paragraph(f"{found.why_no_effects}.")
+    if len(found.rows) > _COLUMNS:
+        print("the metrics of each run: see --out and --json")
+        return
+    rows = []
+    for waveform in found.waveforms:
+        for key in found.keys_of(waveform):
+            metrics = [row.metrics.get(key) if row.waveform == waveform else None for row in found.rows]
+            cells = ["-" if one is None else read(one.value, quantity_of(one.unit), digits=3) for one in metrics]
+            rows.append([f"{waveform}: {metric_label(key)}", *cells])
+    if rows:
+        print_table(["metric", *(row.run for row in found.rows)], rows)
 
 
 def _effect_cells(model: MetricModel, effect: Effect) -> list[str]:
@@ -334,5 +360,6 @@ def _document(found: Comparison) -> dict[str, Any]:
         "sine_responses": [vars(one) for one in found.sine_responses],
         "performances": [vars(one) for one in found.performances],
         "doubtful": found.doubtful,
+        "noise": found.noise,
         "unread": [vars(one) for one in found.unread],
     }

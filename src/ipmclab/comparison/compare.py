@@ -5,13 +5,13 @@ from __future__ import annotations
 import os
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Final
 
 from ipmclab.comparison.baseline import BASELINE, NO_SIGNAL, Air, Drift, air_of, baseline_for, drift_of, is_baseline
-from ipmclab.comparison.factors import FACTORS, Factor, chosen_factors
+from ipmclab.comparison.factors import FACTORS, Factor, chosen_factors, levels_of
 from ipmclab.comparison.frequency_response import FrequencyResponse, frequency_response
 from ipmclab.comparison.metric_model import MetricModel, StripApart, model_metric
 from ipmclab.comparison.performance import Performance, performances
@@ -22,6 +22,7 @@ from ipmclab.errors import InputError, suggest
 from ipmclab.model.actuator import Actuator
 from ipmclab.one_thread import on_one_thread
 from ipmclab.quality.check import check
+from ipmclab.quality.usable import noise_only
 from ipmclab.run import Run, RunMetadata
 from ipmclab.store.run_file import peek, read_run
 
@@ -62,6 +63,10 @@ _RESPONSES: Final = 40
 """Frequency responses from multisines that are worked out; a figure shows no more."""
 
 
+_NAMED: Final = 5
+"""Runs that a sentence names; of more it says how many."""
+
+
 @dataclass(frozen=True)
 class Unread:
     """A file that was left out, and why."""
@@ -88,6 +93,8 @@ class Comparison:
     doubtful : mapping of run to tuple of str
         Codes of findings of severity error.
     unread : tuple of Unread
+    noise : mapping of run to tuple of str
+        Channels in which ``check`` finds nothing but noise; they have no metrics.
     """
 
     rows: tuple[RunRow, ...]
@@ -97,6 +104,7 @@ class Comparison:
     strips: Mapping[str, Actuator]
     doubtful: Mapping[str, tuple[str, ...]]
     unread: tuple[Unread, ...]
+    noise: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
     @property
     def samples(self) -> tuple[str, ...]:
@@ -135,6 +143,35 @@ class Comparison:
         models = (model for model in self.models if model.key in HEADLINES)
         found = {f"{model.waveform}: {model.label}": model.strips_apart() for model in models}
         return {name: each for name, each in found.items() if each}
+
+    @cached_property
+    def why_no_effects(self) -> str:
+        """Why no effect of a factor is told; empty where one is."""
+        if any(factor in self.by for model in self.models for factor in model.factors):
+            return ""
+        differ = [factor.label for factor in self.by if len({*self._levels(factor)}) > 1]
+        if not differ:
+            names = ", ".join(factor.label for factor in self.by)
+            return f"no effect: as far as is known the runs do not differ in {names}"
+        return (
+            f"no effect: the runs differ in {' and '.join(differ)}, which takes {len(differ) + 3} runs of one waveform "
+            "or more that have the metric"
+        )
+
+    @property
+    def only_noise(self) -> tuple[str, ...]:
+        """A sentence for each channel that has no metrics because it is nothing but noise."""
+        found = []
+        for channel in dict.fromkeys(channel for channels in self.noise.values() for channel in channels):
+            runs = [run for run, channels in self.noise.items() if channel in channels]
+            more = f" and {len(runs) - _NAMED} more" if len(runs) > _NAMED else ""
+            found.append(
+                f"the {channel} holds nothing but noise in {', '.join(runs[:_NAMED])}{more}: it has no metrics there"
+            )
+        return tuple(found)
+
+    def _levels(self, factor: Factor) -> list[float]:
+        return levels_of(factor, [row.values[factor.name] for row in self.rows if factor.name in row.values])
 
     @cached_property
     def sine_responses(self) -> tuple[SineResponse, ...]:
@@ -223,6 +260,7 @@ def compare(
         strips=reader.strips,
         doubtful=reader.doubtful,
         unread=tuple(reader.unread),
+        noise=reader.noise,
     )
 
 
@@ -235,6 +273,7 @@ class _Reader:
         self.responses: dict[str, tuple[FrequencyResponse, ...]] = {}
         self.doubtful: dict[str, tuple[str, ...]] = {}
         self.unread: list[Unread] = []
+        self.noise: dict[str, tuple[str, ...]] = {}
         self._files: dict[str, list[tuple[str, RunMetadata]]] = {}  # by what they hold
         self._drifts: list[Drift] = []
         self._taken: dict[str, tuple[RunMetadata, Air, Drift | None]] = {}  # from each run that has a voltage
@@ -280,9 +319,13 @@ class _Reader:
             if drift is not None:
                 self._drifts.append(drift)
         row = self._row(run)
-        errors = tuple(dict.fromkeys(one.code for one in check(run) if one.severity == "error"))
+        findings = check(run)
+        errors = tuple(dict.fromkeys(one.code for one in findings if one.severity == "error"))
         if errors:
             self.doubtful[run.name] = errors
+        noise = tuple(sorted(noise_only(findings)))
+        if noise:
+            self.noise[run.name] = noise
         if row.waveform == "multisine" and len(self.responses) < _RESPONSES:
             found = tuple(_responses(run))
             if found:

@@ -22,6 +22,8 @@ class Performance:
         Those whose means are joined.
     free_displacement : float [m]
     blocked_force : float [N]
+    free_of_runs, blocked_of_runs : tuple of float [m, N]
+        The values whose means these two are, one a run.
     work : float [J]
         The most that one stroke does against a constant load: a quarter of their product, where force falls with
         displacement along a straight line.
@@ -38,6 +40,8 @@ class Performance:
     runs: tuple[str, ...]
     free_displacement: float
     blocked_force: float
+    free_of_runs: tuple[float, ...]
+    blocked_of_runs: tuple[float, ...]
     work: float
     work_density: float | None
     efficiency: float | None
@@ -100,6 +104,8 @@ def _performance(
         runs=tuple(dict.fromkeys(row.run for row in (*free, *blocked))),
         free_displacement=displacement,
         blocked_force=force,
+        free_of_runs=tuple(_value(row, "displacement.largest") for row in free),
+        blocked_of_runs=tuple(_value(row, "force.largest") for row in blocked),
         work=work,
         work_density=None if strip is None else work / _volume(strip),
         efficiency=work / put_in if put_in > 0.0 else None,

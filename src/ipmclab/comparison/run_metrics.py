@@ -15,7 +15,7 @@ from ipmclab.quality.check import check
 from ipmclab.quality.metrics import Metric, harmonics, measure
 from ipmclab.quality.period import periodic_part
 from ipmclab.quality.record import Record
-from ipmclab.quality.usable import unmasked
+from ipmclab.quality.usable import noise_only, unmasked
 from ipmclab.run import FloatArray, Run
 from ipmclab.units import CHANNELS
 
@@ -90,9 +90,10 @@ def _less_drift(metric: Metric, drift: Drift, run: Run, found: tuple[Metric, ...
 
 
 def _electrical(run: Run, metrics: tuple[Metric, ...]) -> Iterator[Metric]:
-    if run.current is None:
+    findings = check(run)
+    if run.current is None or "current" in noise_only(findings):
         return
-    there = unmasked(run, check(run))["current"]
+    there = unmasked(run, findings)["current"]
     if np.count_nonzero(~there) > _MISSING * len(run):
         return
     time, current, voltage = run.time[there], run.current[there], run.voltage[there]

@@ -101,7 +101,9 @@ def dc_resistance(runs: Sequence[tuple[str, Run]], known: Mapping[str, Uncertain
 def _of_run(label: str, run: Run, known: Mapping[str, Uncertain]) -> tuple[Uncertain | None, tuple[Finding, ...]]:
     run = _until_the_rest(run)
     told = check(run)
-    metrics = {metric.name: metric for metric in measure(run, told) if metric.channel == "current"}
+    # A current of noise alone still says how large the resistance is at least.
+    despite_noise = [finding for finding in told if finding.code != "noise-only"]
+    metrics = {metric.name: metric for metric in measure(run, despite_noise) if metric.channel == "current"}
     steady, last = metrics.get("steady_value"), metrics.get("mean_of_last_tenth")
     record = Record.of(run)
     if steady is None or last is None or steady.interval is None or not len(record.edges):

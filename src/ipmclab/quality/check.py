@@ -24,6 +24,7 @@ from ipmclab.quality.scale import without_consequences, wrong_scales
 from ipmclab.quality.skew import channel_skew
 from ipmclab.quality.stale import stale_readings
 from ipmclab.quality.sudden import sudden_changes
+from ipmclab.quality.usable import noise_only
 from ipmclab.run import Finding, Run
 
 if TYPE_CHECKING:
@@ -87,8 +88,7 @@ def check_record(record: Record, actuator: Actuator | None = None) -> tuple[Find
     found = list(kept(record.run, "check", lambda: _checked(record)))
     if actuator is not None:
         found += predicted_ringing(record, actuator)
-    noise = frozenset(finding.channel for finding in found if finding.code == "noise-only" and finding.channel)
-    off = wrong_scales(record, noise, actuator)
+    off = wrong_scales(record, noise_only(found), actuator)
     # A cause comes first, and what follows from it is not said.
     return (*off, *sorted(without_consequences(found, off), key=lambda finding: _ORDER[finding.severity]))
 

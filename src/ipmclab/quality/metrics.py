@@ -16,7 +16,7 @@ from ipmclab.quality.kept import kept
 from ipmclab.quality.period import periodic_part
 from ipmclab.quality.record import GUARD_ROWS, NO_VOLTAGE, Channel, IntArray, Record
 from ipmclab.quality.steady import settle
-from ipmclab.quality.usable import unmasked
+from ipmclab.quality.usable import noise_only, unmasked
 from ipmclab.run import Finding, FloatArray, Run
 from ipmclab.units import CHANNELS
 
@@ -79,7 +79,8 @@ def measure(run: Run, findings: Sequence[Finding] | None = None) -> tuple[Metric
     response comes back, the back relaxation after it; one that stands to the end of the record
     gives the steady value and the mean of the last tenth. A periodic voltage gives amplitude,
     phase and harmonics 2 to 5; a square gives the current at the end of a half period. Every run
-    gives the largest deviation from rest. Rows that ``check`` masks are left out.
+    gives the largest deviation from rest. Rows that ``check`` masks are left out, and so is a channel in
+    which it finds nothing but noise (``noise-only``): its largest reading says nothing of the strip.
 
     Parameters
     ----------
@@ -110,7 +111,10 @@ def _measured(run: Run, findings: Sequence[Finding]) -> tuple[Metric, ...]:
     masks = unmasked(run, findings)
     periodic = periodic_part(run)
     metrics: list[Metric] = []
+    noise = noise_only(findings)
     for channel in record.channels.values():
+        if channel.name in noise:
+            continue
         values = np.where(masks[channel.name], channel.readings, np.nan)
         if np.count_nonzero(np.isfinite(values)) < 2:
             continue

@@ -45,6 +45,20 @@ def usable(run: Run, findings: Iterable[Finding]) -> dict[str, npt.NDArray[np.bo
     return masks
 
 
+def noise_only(findings: Iterable[Finding]) -> frozenset[str]:
+    """Channels in which ``check`` finds nothing but noise: no number of them says anything of the strip.
+
+    Parameters
+    ----------
+    findings : iterable of Finding
+
+    Returns
+    -------
+    channels : frozenset of str
+    """
+    return frozenset(one.channel for one in findings if one.code == "noise-only" and one.channel)
+
+
 def unmasked(run: Run, findings: Iterable[Finding]) -> dict[str, npt.NDArray[np.bool_]]:
     """Which readings of each response are values or bounds: present and not masked.
 

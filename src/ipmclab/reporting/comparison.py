@@ -25,7 +25,7 @@ from ipmclab.reporting.population import population_parts
 from ipmclab.reporting.save import save_figure
 from ipmclab.reporting.svg import inline_svg
 from ipmclab.reporting.wording import plain, spelled_unit, with_unit
-from ipmclab.units import DISPLACEMENT, FORCE
+from ipmclab.units import DISPLACEMENT, FORCE, Quantity
 
 if TYPE_CHECKING:
     from ipmclab.comparison.population import Population
@@ -193,8 +193,8 @@ def comparison_html(comparison: Comparison, *, posterior: Posterior | None = Non
                 one.sample or "–",
                 one.signal,
                 _under(one.conditions),
-                with_unit(one.free_displacement, DISPLACEMENT),
-                with_unit(one.blocked_force, FORCE),
+                _mean_of_runs(one.free_of_runs, DISPLACEMENT),
+                _mean_of_runs(one.blocked_of_runs, FORCE),
                 f"{plain(1e6 * one.work)} µJ",
                 "–" if one.work_density is None else f"{plain(one.work_density)} J/m³",
                 "–" if one.efficiency is None else f"{plain(1e6 * one.efficiency)} × 10⁻⁶",
@@ -218,6 +218,7 @@ def comparison_html(comparison: Comparison, *, posterior: Posterior | None = Non
         table_link=_link(table_csv(rows)),
         doubtful=list(comparison.doubtful.items()),
         unread=comparison.unread,
+        noise=comparison.only_noise,
         command=command,
     )
 
@@ -225,6 +226,16 @@ def comparison_html(comparison: Comparison, *, posterior: Posterior | None = Non
 def _under(conditions: Mapping[str, float]) -> str:
     """Conditions as people read them; a dash where none is known."""
     return ", ".join(with_unit(value, FACTORS[name].quantity, trim=True) for name, value in conditions.items()) or "–"
+
+
+def _mean_of_runs(values: Sequence[float], quantity: Quantity) -> str:
+    """A mean with what it is the mean of, so that two unlike runs are not taken for one value."""
+    mean = with_unit(sum(values) / len(values), quantity)
+    if len(values) == 1:
+        return mean
+    return (
+        f"{mean} (mean of {len(values)} runs, {with_unit(min(values), quantity)} to {with_unit(max(values), quantity)})"
+    )
 
 
 def _link(text: str) -> str:
