@@ -263,6 +263,45 @@ def test_a_text_is_never_cut_within_a_word_or_a_bracket(width: int) -> None:
     assert short.count("(") == short.count(")")
 
 
+@pytest.mark.parametrize(
+    ("text", "short"),
+    [
+        # Behind a colon two words before a comma say nothing.
+        ("a.nc and b.nc do not agree: of a.nc, without it the gain changes by 5", "a.nc and b.nc do not agree"),
+        (
+            "a.nc and b.nc do not agree: without it the gain changes by 5, so look",
+            "a.nc and b.nc do not agree: without it the gain changes by 5",
+        ),
+        ("record longer, with steps and slow and fast signals and a weaker noise", "record longer"),
+        (
+            "the sensor is taken to drift by 0.3 mm over the whole record it made",
+            "the sensor is taken to drift by 0.3 mm ...",
+        ),
+    ],
+)
+def test_a_line_ends_where_a_clause_does(text: str, short: str) -> None:
+    width = {"the": 53, "rec": 40}.get(text[:3], 60)
+    assert shortened(text, width) == short
+
+
+def test_parameters_are_named_where_they_fit_on_the_line() -> None:
+    def line(cure: str, *names: str) -> str:
+        told = Finding("undetermined", "warning", f"they are open; {cure}", values=dict.fromkeys(names, 1.0))
+        return in_brief([told])[0][0].text
+
+    long = "record longer, with steps and slow and fast signals"
+    first, second = "circuit.branches.0.resistivity", "circuit.branches.1.permittivity"
+    assert line(long, first, second) == f"to determine {first} and 1 more: record longer"
+    assert line(long, "coupling.gain", "coupling.p2") == "to determine coupling.gain and coupling.p2: record longer"
+    assert (
+        line("record faster", "leak.a", "leak.b", "leak.c") == "to determine leak.a, leak.b and leak.c: record faster"
+    )
+    assert (
+        line(long, 80 * "x", "leak.b")
+        == "to determine 2 parameters: record longer, with steps and slow and fast signals"
+    )
+
+
 def test_a_run_goes_by_its_file(tmp_path: Path) -> None:
     from ipmclab import read_run, write_run
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 
 from ipmclab import Fit, InputError, identify, leave_one_run_out, read_fit, validate, write_fit
+from ipmclab.fit.in_brief import in_brief
 from tests.identification.many import CONTACT, ELECTRICAL, FRIEND, noisy
 
 SEED = 20261121
@@ -59,6 +61,8 @@ def test_a_run_of_another_strip_is_named() -> None:
     pair = leave_one_run_out(identify(FRIEND, runs[:2]))
     (said,) = [finding for finding in pair.findings if finding.code == "run-stands-out"]
     assert "which of them is out of place two runs cannot show" in said.message
+    (line,), _ = in_brief([said])
+    assert re.search(r"do not agree(: (without|the current of) .* \d|$)", line.text)  # a whole clause, or none
 
 
 def test_what_one_run_alone_shows_is_named_and_not_scored() -> None:

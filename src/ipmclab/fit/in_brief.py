@@ -101,6 +101,19 @@ _FEWEST: Final = 24
 _CUT: Final = " ..."
 """Behind a text that goes on."""
 
+_STRONG: Final = re.compile(r"[.;:] ")
+_WEAK: Final = re.compile(r", ")
+"""Marks that end a clause, and where a line may end."""
+
+_CLAUSE: Final = 4
+"""Words of a clause that a comma ends behind a stronger mark."""
+
+_JOINING: Final = re.compile(
+    r"( (an?|and|are|as|at|before|behind|beyond|by|for|from|in|into|is|n?either|n?or|not|of|on|over|so|than|that|the|to"
+    r"|under|was|were|which|with))+$"
+)
+"""Words that no line ends with: they lead to the next."""
+
 _BRACKETS: Final = re.compile(r" \([^()]*\)")
 
 
@@ -257,9 +270,7 @@ def _line(members: Sequence[Finding], outputs: Collection[str], labels: Sequence
     if one.code == "undetermined":
         names = list(dict.fromkeys(name for member in members for name in _named(member)))
         cure = _cure(one) or "record longer, with other signals, or with less noise"
-        asked = f"to determine {_listed(names)}: "
-        if not names or _ROOM - len(asked) < min(len(cure), _FEWEST):
-            asked = f"to determine {len(names) or 'more'} parameter{'' if len(names) == 1 else 's'}: "
+        asked = f"{_asked(names, cure)}: "
         return Brief(one.severity, one.code, asked + shortened(cure, _ROOM - len(asked)))
     label = _label(one, labels)
     text = _plain(one) or (one.message.removeprefix(f"{label}: ") if label else one.message)
@@ -301,7 +312,7 @@ def _plain(finding: Finding) -> str:
             return f"what is left of the {channel} follows the voltage; no stage that was tried explains it"
         case "stage-missing" if "stage" in values:
             share = f"{100.0 * float(values.get('explained') or 0.0):.0f} %"
-            return f"the stage {values['stage']} explains {share} of the {channel}'s residual beyond noise"
+            return f"stage {values['stage']} explains {share} of the {channel}'s residual beyond noise"
         case "above-electrolysis" if "largest_voltage" in values:
             none = "the leak of the model gives no current there" if "leaks" in values else "the model has no leak"
             return f"water decomposes at {values['largest_voltage']:.3g} V, and {none}"
@@ -324,10 +335,21 @@ def _named(finding: Finding) -> list[str]:
     return sorted((name for name, size in sizes.items() if size > 0.3 * largest), key=lambda name: -sizes[name])
 
 
-def _listed(names: Sequence[str]) -> str:
-    if len(names) > 2:
-        return f"{', '.join(names[:1])} and {len(names) - 1} more"
-    return " and ".join(names)
+def _asked(names: Sequence[str], cure: str) -> str:
+    """What is to be determined: every name where the cure fits behind it, else the most moved one, else how many.
+
+    Examples
+    --------
+    >>> _asked(["coupling.gain", "coupling.zero", "coupling.p2"], "record faster")
+    'to determine coupling.gain, coupling.zero and coupling.p2'
+    """
+    every = ", ".join(names[:-1]) + (" and " if names[:-1] else "") + "".join(names[-1:])
+    first = f"{names[0]} and {len(names) - 1} more" if len(names) > 1 else every
+    fewest = min(len(cure), _FEWEST)
+    for told, needed in ((every, fewest if len(names) < 3 else len(cure)), (first, fewest)):
+        if told and len(f"to determine {told}: ") + needed <= _ROOM:
+            return f"to determine {told}"
+    return f"to determine {len(names) or 'more'} parameter{'' if len(names) == 1 else 's'}"
 
 
 def _cure(finding: Finding) -> str:
@@ -355,14 +377,23 @@ def shortened(text: str, width: int) -> str:
     text = _BRACKETS.sub("", text)
     if len(text) <= width:
         return text
-    strong, weak = (". ", "; ", ": "), (", ",)
-    for marks, least in ((strong, _SHORTEST), (weak, _SHORTEST), (strong, _LEAST), (weak, _LEAST)):
-        ends = [place for mark in marks for place in _places(text, mark) if least * width <= place <= width]
-        if ends:
-            return text[: max(ends)]
-    return textwrap.shorten(text, width, placeholder=_CUT) if width > len(_CUT) else ""
+    for marks, least in ((_STRONG, _SHORTEST), (_WEAK, _SHORTEST), (_STRONG, _LEAST), (_WEAK, _LEAST)):
+        ends = [found.start() for found in marks.finditer(text) if least * width <= found.start() <= width]
+        whole = [end for end in ends if marks is _STRONG or _is_clause(text[:end])]
+        if whole:
+            return text[: max(whole)]
+    return _up_to_a_word(text, width)
 
 
-def _places(text: str, mark: str) -> list[int]:
-    """Where a mark ends a clause."""
-    return [found.start() for found in re.finditer(re.escape(mark), text)]
+def _is_clause(text: str) -> bool:
+    """Whether a text may end here: not a word or two behind the last mark (": of step-1.nc"), which begin a clause."""
+    *before, last = _STRONG.split(text)
+    return not before or len(last.split()) >= _CLAUSE
+
+
+def _up_to_a_word(text: str, width: int) -> str:
+    """A text up to the last word that fits and may end a line; nothing where none does."""
+    if width <= len(_CUT):
+        return ""
+    short = textwrap.shorten(text, width, placeholder=_CUT)
+    return _JOINING.sub("", short.removesuffix(_CUT)) + _CUT if short.endswith(_CUT) else short

@@ -267,16 +267,21 @@ def _stands_out(fit: Fit, runs: Sequence[LeftOut]) -> list[Finding]:
     if not unlikely or any(finding.code == "mountings-differ" for finding in fit.findings):
         return []  # where mountings differ, every run is unlike those of the others
     one = max(unlikely, key=lambda one: (max(one.standardised.values(), default=0.0), -_chance(one)))
+    are_two = len(runs) == 2
     if one.p_value == _chance(one):
         most = max(one.shifts, key=lambda name: abs(one.shifts[name]))
-        why = f"without it {most} changes by {abs(one.shifts[most]):.3g} standard errors"
+        without = one.label if are_two else "it"
+        why = f"without {without} {most} changes by {abs(one.shifts[most]):.3g} standard errors"
     else:
         output = max(one.standardised, key=lambda name: one.standardised[name])
-        why = f"its {output} lies {one.standardised[output]:.3g} standard deviations (rms) from what they predict"
+        far = f"{one.standardised[output]:.3g} standard deviations (rms)"
+        why = f"its {output} lies {far} from what they predict"
+        if are_two:
+            why = f"the {output} of {one.label} lies {far} from what the other predicts"
     text = f"{one.label} does not fit in with the other runs (p < 0.1 %): {why}"
-    if len(runs) == 2:
-        text = f"{runs[0].label} and {runs[1].label} do not agree (p < 0.1 %): of {one.label}, {why}; which of them is "
-        text += "out of place two runs cannot show"
+    if are_two:
+        both = f"{runs[0].label} and {runs[1].label}"
+        text = f"{both} do not agree (p < 0.1 %): {why}; which of them is out of place two runs cannot show"
     return [
         Finding(
             "run-stands-out",

@@ -65,14 +65,20 @@ def unexplained(
                 Finding(
                     _NOTHING,
                     "error",
-                    f"{record.label}: the model does not follow the {output}: it leaves {lines[0]} (rms) of "
-                    f"readings that vary by {lines[1]} about their mean",
+                    f"{record.label}: the model explains {_share_explained(residual / varies)} the {output}: it "
+                    f"leaves {lines[0]} (rms) of readings that vary by {lines[1]} about their mean",
                     "do not use this fit: look at what check says of the run, at what is fixed, and give more rows",
                     channel=output,
                     values={"residual": residual, "varies": varies},
                 )
             )
     return found
+
+
+def _share_explained(left: float) -> str:
+    """How much is explained where this share of the rms is left."""
+    percent = math.floor(100.0 * (1.0 - left**2))
+    return f"only {percent} % of the variance of" if percent > 0 else "nothing of"
 
 
 def motion_of_another_coupling(
@@ -165,5 +171,5 @@ def message(solution: Solution, findings: Sequence[Finding]) -> str:
     errors = dict.fromkeys(f.code for f in findings if f.severity == "error" and f.code != "not-converged")
     if not errors:
         return solution.message
-    what = "the model explains nothing of what was read" if _NOTHING in errors else "errors contradict this fit"
+    what = "the model does not follow what was read" if _NOTHING in errors else "errors contradict this fit"
     return f"{solution.message}, but {what} (see the findings {', '.join(errors)})"
