@@ -116,6 +116,14 @@ def shade(
     A range of one row stays visible. Many short ranges, such as the single stale values of a
     long record, are joined where less than a pixel lies between them.
     """
+    for index, (begin, end) in enumerate(blocks(time, rows)):
+        opacity = 0.28 if height == 1.0 else 0.8
+        named = label if index == 0 else ""
+        panel.axvspan(begin, end, ymax=height, color=colour, alpha=opacity, linewidth=0, label=named)
+
+
+def blocks(time: FloatArray, rows: Sequence[tuple[int, int]]) -> list[list[float]]:
+    """From when to when ranges of rows are shaded: none too short to be seen, none nearer to the next than a pixel."""
     least = 0.002 * (time[-1] - time[0])
     joined: list[list[float]] = []
     for start, stop in sorted(rows):
@@ -126,10 +134,7 @@ def shade(
             joined[-1][1] = max(end, joined[-1][1])
         else:
             joined.append([begin, end])
-    for index, (begin, end) in enumerate(joined):
-        opacity = 0.28 if height == 1.0 else 0.8
-        named = label if index == 0 else ""
-        panel.axvspan(begin, end, ymax=height, color=colour, alpha=opacity, linewidth=0, label=named)
+    return joined
 
 
 def legend_above(panel: Axes, *, columns: int = 4) -> None:

@@ -14,13 +14,16 @@ from matplotlib.figure import Figure
 from ipmclab.errors import InputError
 from ipmclab.prediction.validate import run_labels
 from ipmclab.quality import check
-from ipmclab.reporting.figures.panels import curve, held_curve, legend_above, name_panel, series, shade, stacked
+from ipmclab.reporting.figures.panels import blocks, curve, held_curve, legend_above, name_panel, series, shade, stacked
 from ipmclab.reporting.save import save_figure
 from ipmclab.reporting.style import COLOURS, label_text, style
 from ipmclab.run import Finding, Run
 from ipmclab.units import CHANNELS
 
 _DRAWN: Final = ("voltage", "applied_voltage", "current", "displacement", "force")
+
+_EVERYWHERE: Final = 0.9
+"""Share of a record that the mark of a finding fills at most; more says nothing of where it is."""
 
 
 @overload
@@ -152,8 +155,13 @@ def _mark(panel: Axes, run: Run, findings: Sequence[Finding], colour: str, *, al
         if finding.effect != "none" and finding.samples:
             shade(panel, run.time, finding.samples, colour=colour, label=f"{finding.code}: {_effect(finding)}")
     noted = [one for one in findings if one.effect == "none" and one.severity != "info" and one.samples]
-    # What is said of most of a record needs no place in it.
-    noted = [one for one in noted if alone and one.count < len(run) // 2]
+    # What is said of all of a record, row by row or here and there, needs no place in it.
+    span = float(run.time[-1] - run.time[0])
+    noted = [
+        one
+        for one in noted
+        if alone and sum(end - begin for begin, end in blocks(run.time, one.samples)) < _EVERYWHERE * span
+    ]
     codes = f"noted: {', '.join(dict.fromkeys(one.code for one in noted))}"
     for place, finding in enumerate(noted):
         label = codes if place == 0 else ""
