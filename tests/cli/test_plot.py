@@ -41,3 +41,16 @@ def test_what_does_not_go_together_is_refused(command, tmp_path: Path) -> None:
     both = ("--before", "friend-2+leak.cubic", "--after", "friend-2")
     assert command("plot", "run.nc", *both, "--out", "estimation.svg").status == 0
     assert "before: friend-2" in (tmp_path / "estimation.svg").read_text(encoding="utf-8")
+
+
+def test_a_model_goes_by_its_file(command, tmp_path: Path) -> None:
+    """Fits of one strip have one name in their files."""
+    words = ("--signal", "step 1 V", "--duration", "20 s", "--rate", "20 Hz", "--out", "run.nc")
+    assert command("simulate", "friend-2", *words).status == 0
+    assert command("identify", "friend-2", "run.nc", "--free", "electrical", "--out", "mine.toml").status == 0
+    assert "the fit of mine.toml did not identify the coupling" in command("validate", "mine.toml", "run.nc").out
+    both = ("--before", "friend-2", "--after", "mine.toml")
+    assert command("plot", "run.nc", *both, "--out", "estimation.svg").status == 0
+    drawn = (tmp_path / "estimation.svg").read_text(encoding="utf-8")
+    assert "before: friend-2" in drawn
+    assert "after: mine.toml" in drawn

@@ -15,13 +15,14 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 from matplotlib.figure import Figure
 
-from ipmclab import Finding, Run, import_run, load_actuator, simulate, validate
+from ipmclab import Finding, Run, RunMetadata, identify, import_run, load_actuator, simulate, validate
 from ipmclab.errors import InputError
 from ipmclab.quality import check
 from ipmclab.reporting import before_and_after, characteristic, overview, plot
 from ipmclab.reporting.decimate import decimate
 from ipmclab.reporting.figures.frequency import frequency_figure
 from ipmclab.reporting.figures.panels import band, curve, scale_to_lines, stacked
+from ipmclab.reporting.figures.prediction import prediction_figure
 from ipmclab.reporting.figures.runs import runs_figure
 from ipmclab.reporting.svg import inline_svg
 
@@ -223,6 +224,35 @@ def test_before_and_after_show_the_same_readings_and_both_models() -> None:
         assert np.abs(np.subtract(left.lines[1].get_ydata(), left.lines[0].get_ydata())).max() > 0.01
     with pytest.raises(InputError, match="to hold a model against"):
         before_and_after([], start, truth)
+
+
+def test_only_what_the_fit_identified_is_drawn_after_it() -> None:
+    """A circuit alone says nothing of the motion, and a load cell that nothing touched nothing of any model."""
+    truth = load_actuator("friend-2")
+    run = simulate(truth, "step 1 V", duration=10.0, rate=50.0)
+    untouched = replace(run, force=np.random.default_rng(20261126).normal(0.0, 1e-5, len(run)))
+    figure = before_and_after(untouched, truth, identify(truth, untouched, free="electrical").actuator)
+    assert [panel.get_ylabel() for panel in figure.axes] == ["current (mA)", ""]
+    said = "Not drawn: displacement, which the fit did not identify; force, of which no reading counts."
+    assert said in [text.get_text() for text in figure.texts]
+    both = before_and_after(untouched, truth, truth)  # no fit: whose values these are is not asked
+    assert [panel.get_ylabel() for panel in both.axes[::2]] == ["current (mA)", "displacement (mm)"]
+
+
+def test_readings_that_were_left_out_set_no_scale_beside_a_model() -> None:
+    """A laser that lost its strip says 90 mm: it moved by less than one."""
+    truth = load_actuator("friend-2")
+    run = simulate(truth, "step 1 V", duration=20.0, rate=50.0)
+    lost = np.asarray(run.displacement).copy()
+    lost[500:520] = 90e-3
+    (one,) = validate(truth, replace(run, displacement=lost, metadata=RunMetadata(starts_from_rest=True))).runs
+    assert not one.comparisons["displacement"].used[500:520].any()
+    one = replace(one, run=replace(one.run, current=None, force=None))
+    shown = {"displacement": one.comparisons["displacement"]}
+    for figure in (prediction_figure(one.run, {"model": shown}), before_and_after(one.run, truth, truth)):
+        for panel in figure.axes[-2:]:
+            assert max(np.abs(panel.get_ylim())) < 2.0
+        assert max(np.nanmax(line.get_ydata()) for panel in figure.axes for line in panel.lines) > 80.0  # but are shown
 
 
 @pytest.mark.parametrize(("reach", "low", "high"), [(1.0, -1.5, 2.5), (0.1e-3, -0.2, 1.2)])

@@ -190,7 +190,7 @@ def test_findings_of_every_model_are_told(material, tmp_path) -> None:
     )
     told = Page(path.read_text("utf-8")).text
     assert "Prediction of runs that were not used" in told
-    assert "the fit in softer did not identify the coupling" in told
+    assert "the fit of softer did not identify the coupling" in told
 
 
 def test_the_verdict_scores_only_what_the_model_never_saw(material, tmp_path) -> None:
@@ -221,6 +221,19 @@ def test_a_validation_that_shows_nothing_is_a_doubt(material, tmp_path) -> None:
         )
         assert words in page.text
         assert ("verdict doubt" in page.attributes("class")) == (name != "fresh")
+
+
+def test_a_motion_that_no_fit_identified_is_not_drawn(tmp_path) -> None:
+    """The coupling of the file is that of another strip: beside readings of this one it says nothing."""
+    strip = load_actuator("friend-2")
+    run, later = (simulate(strip, signal, duration=20.0, rate=50.0) for signal in ("step 1 V", "square 1 V 0.1 Hz"))
+    for free in ("electrical", "electrical,coupling"):
+        fit = identify(strip, run, free=free)
+        path = report(fit, runs=[run], validation_runs=[later], path=tmp_path / f"{len(free)}.html")
+        said = (
+            "Not drawn: displacement and force, which the fit did not identify." in Page(path.read_text("utf-8")).text
+        )
+        assert said == (free == "electrical")
 
 
 def test_nothing_is_overwritten_without_leave(material, tmp_path) -> None:

@@ -119,6 +119,24 @@ def means_actuator(word: str) -> bool:
     return not path.suffix and not path.exists() and path.name == base
 
 
+def named_by_file(name: str) -> Actuator:
+    """An actuator that goes by the file it was given in: several fits of one strip have the same name in their files.
+
+    Raises
+    ------
+    InputError
+        What ``load_actuator`` refuses.
+
+    Examples
+    --------
+    >>> named_by_file("friend-2").name
+    'friend-2'
+    """
+    from ipmclab import load_actuator
+
+    return replace(load_actuator(name), name=Path(name).name)
+
+
 def fit_or_actuator(name: str) -> Fit | Actuator:
     """The fit of a file that has one, else the actuator.
 

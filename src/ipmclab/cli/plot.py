@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from ipmclab.cli.files import actuator_files, check_output, read_runs
+from ipmclab.cli.files import actuator_files, check_output, named_by_file, read_runs
 from ipmclab.cli.options import Force, Json, RunFiles
 from ipmclab.cli.output import print_json, progress
 from ipmclab.errors import InputError
@@ -45,10 +45,10 @@ def plot(
     check_output(out, force=force, suffixes=SUFFIXES, reads=[*runs, *actuator_files(before, after)])
     loaded = read_runs(runs)
     with progress("drawing"):
-        from ipmclab import load_actuator, reporting
+        from ipmclab import reporting
 
         if before is not None and after is not None:
-            figure = reporting.before_and_after(loaded, load_actuator(before), load_actuator(after))
+            figure = reporting.before_and_after(loaded, named_by_file(before), named_by_file(after))
             reporting.save_figure(figure, out, overwrite=force)
         elif characteristic:
             reporting.save_figure(reporting.characteristic(loaded), out, overwrite=force)

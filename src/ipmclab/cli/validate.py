@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
-from ipmclab.cli.files import labels, read_runs
+from ipmclab.cli.files import labels, named_by_file, read_runs
 from ipmclab.cli.options import ActuatorName, Details, Json, RunFiles
 from ipmclab.cli.output import (
     finding_document,
@@ -44,11 +44,10 @@ def validate(
     \b
     ipmclab validate fitted.toml square.nc --also friend-2
     """
-    from ipmclab import load_actuator
     from ipmclab.prediction.validate import validate as validate_actuator
 
     names = [actuator, *(also or [])]
-    models = [load_actuator(name) for name in names]
+    models = [named_by_file(name) for name in names]
     loaded = read_runs(runs)
     with progress("predicting"):
         validations = [validate_actuator(model, loaded) for model in models]

@@ -28,7 +28,7 @@ def open_coupling(actuator: Actuator) -> list[Finding]:
             Finding(
                 NOT_IDENTIFIED,
                 "warning",
-                f"the fit in {actuator.name} did not identify the coupling: displacement and force are predicted with "
+                f"the fit of {actuator.name} did not identify the coupling: displacement and force are predicted with "
                 "the values that it was given",
                 repair="identify it too, from runs with displacement or force: --free electrical,coupling",
             )
@@ -43,11 +43,32 @@ def open_coupling(actuator: Actuator) -> list[Finding]:
     return []
 
 
+def unidentified(actuator: Actuator, output: str) -> bool:
+    """Whether the fit that an actuator carries says nothing of an output: no run had it, and no coupling was free.
+
+    Parameters
+    ----------
+    actuator : Actuator
+    output : str
+
+    Examples
+    --------
+    >>> from ipmclab import identify, load_actuator, simulate
+    >>> strip = load_actuator("friend-2")
+    >>> fit = identify(strip, simulate(strip, "step 1 V", duration=20.0, rate=50.0), free="electrical")
+    >>> [unidentified(one, "force") for one in (strip, fit.actuator)]
+    [False, True]
+    """
+    if output == "current" or all(one.code != NOT_IDENTIFIED for one in open_coupling(actuator)):
+        return False
+    return not any(output in _mapping(run.get("noise")) for run in _entries(actuator, "runs"))
+
+
 def _open(actuator: Actuator, why: str) -> Finding:
     return Finding(
         "coupling-undetermined",
         "warning",
-        f"the fit in {actuator.name} leaves d(0), the size of displacement and force, open: {why}",
+        f"the fit of {actuator.name} leaves d(0), the size of displacement and force, open: {why}",
         repair="take these scores as those of one of many models that fit alike",
     )
 
@@ -85,4 +106,8 @@ def _error(actuator: Actuator) -> float:
 def _entries(actuator: Actuator, key: str) -> list[Mapping[str, Any]]:
     """The tables of an array in the fit table, which may have been written by hand."""
     found = (actuator.fit_table or {}).get(key, ())
-    return [one if isinstance(one, Mapping) else {} for one in found] if isinstance(found, Sequence) else []
+    return [_mapping(one) for one in found] if isinstance(found, Sequence) else []
+
+
+def _mapping(found: Any) -> Mapping[str, Any]:
+    return found if isinstance(found, Mapping) else {}

@@ -27,6 +27,7 @@ from ipmclab.prediction.verdict import verdict_of as verdict_of_runs
 from ipmclab.quality import check, measure
 from ipmclab.reporting import tables
 from ipmclab.reporting.diagnoses import diagnoses_part
+from ipmclab.reporting.drawn import drawn_outputs
 from ipmclab.reporting.figures.frequency import frequency_figure
 from ipmclab.reporting.figures.prediction import prediction_figure
 from ipmclab.reporting.figures.residuals import autocorrelation_figure
@@ -155,7 +156,7 @@ def html(
             {name for one in fit.observations for name in one.noise},
         ),
         fit_figures=[
-            *(_fit_picture(*each) for each in zip(range(len(runs)), runs, labels, fitted, strict=True)),
+            *(_fit_picture(*each, fit.actuator) for each in zip(range(len(runs)), runs, labels, fitted, strict=True)),
             *_shapes(fit.actuator, list(zip(runs, labels, fitted, strict=True)), "fit-shape"),
         ],
         diagnoses=diagnoses_part(fit),
@@ -298,27 +299,36 @@ def _subtitle(fit: Fit, runs: Sequence[Run]) -> str:
 def _validation_part(validations: Sequence[Validation]) -> dict[str, Any] | None:
     if not validations:
         return None
-    names = _model_names([validation.actuator for validation in validations])
-    pictures = []
-    for place, one in enumerate(validations[0].runs):
-        models = {name: other.runs[place].comparisons for name, other in zip(names, validations, strict=True)}
+    actuators = [validation.actuator for validation in validations]
+    names, pictures = _model_names(actuators), []
+    drawn = [drawn_outputs(actuators, one.comparisons) for one in validations[0].runs]
+    for place, (one, (comparisons, not_drawn)) in enumerate(zip(validations[0].runs, drawn, strict=True)):
+        models = {
+            name: {output: other.runs[place].comparisons[output] for output in comparisons}
+            for name, other in zip(names, validations, strict=True)
+        }
         pictures.append(
             Picture(
                 one.label,
                 inline_svg(
                     prediction_figure(one.run, models),
                     f"prediction-{place}",
-                    f"Measured and predicted {_listed(one.comparisons)} of {one.label} over time, with the errors",
+                    f"Measured and predicted {_listed(comparisons)} of {one.label} over time, with the errors",
                 ),
                 f"{one.label}: measured (grey) and predicted from the voltage alone, with the error below."
-                + _banded(one.comparisons),
+                f"{_banded(comparisons)} {not_drawn}",
             )
         )
     pictures += _shapes(
-        validations[0].actuator, [(one.run, one.label, one.comparisons) for one in validations[0].runs], "shape"
+        validations[0].actuator,
+        [(one.run, one.label, found) for one, (found, _) in zip(validations[0].runs, drawn, strict=True)],
+        "shape",
     )
     lags = [
-        (run.label, score) for run in validations[0].runs for score in run.scores.values() if len(score.autocorrelation)
+        (run.label, score)
+        for run, (found, _) in zip(validations[0].runs, drawn, strict=True)
+        for output, score in run.scores.items()
+        if output in found and len(score.autocorrelation)
     ]
     if lags:
         pictures.append(
@@ -350,7 +360,10 @@ def _findings_of_each(names: Sequence[str], validations: Sequence[Validation]) -
     return [(name, one) for name, one in zip(names, found, strict=True) if one]
 
 
-def _fit_picture(place: int, run: Run, label: str, comparisons: Mapping[str, Comparison]) -> Picture:
+def _fit_picture(
+    place: int, run: Run, label: str, comparisons: Mapping[str, Comparison], actuator: Actuator
+) -> Picture:
+    comparisons, not_drawn = drawn_outputs([actuator], comparisons)
     return Picture(
         label,
         inline_svg(
@@ -358,7 +371,7 @@ def _fit_picture(place: int, run: Run, label: str, comparisons: Mapping[str, Com
             f"fit-{place}",
             f"Measured and modelled {_listed(comparisons)} of {label} over time, with the residuals",
         ),
-        f"{label}: measured (grey) and fitted model, with what is left over below." + _banded(comparisons),
+        f"{label}: measured (grey) and fitted model, with what is left over below.{_banded(comparisons)} {not_drawn}",
     )
 
 

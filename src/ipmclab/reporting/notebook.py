@@ -18,6 +18,7 @@ from ipmclab.forecasting.forecast_values import Forecast
 from ipmclab.model import Actuator, simulate
 from ipmclab.prediction.validate import Validation, run_labels
 from ipmclab.quality import check
+from ipmclab.reporting.drawn import drawn_outputs
 from ipmclab.reporting.figures.choice import choice_figure
 from ipmclab.reporting.figures.panels import band, curve, name_panel, series, stacked
 from ipmclab.reporting.figures.prediction import prediction_figure
@@ -93,11 +94,9 @@ def _validation(validation: Validation) -> str:
             rows.append([run.label, name, score.fit_text, rmse, "used in the fit" if run.used_in_fit else ""])
     first = validation.runs[0]
     text = f"{first.label}: measured and predicted"
-    figure = (
-        _svg(prediction_figure(first.run, {validation.actuator.name: first.comparisons}), text)
-        if first.comparisons
-        else ""
-    )
+    drawn, sentence = drawn_outputs([validation.actuator], first.comparisons)
+    figure = _svg(prediction_figure(first.run, {validation.actuator.name: drawn}), text) if drawn else ""
+    figure += f"<p>{escape(sentence)}</p>" if sentence else ""
     table = _table(["run", "output", "fit", "RMSE", ""], rows)
     return _block(f"{validation.actuator.name} against {len(validation.runs)} run(s)", table, figure)
 

@@ -5,14 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Final
 
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ipmclab.errors import InputError
 from ipmclab.prediction.scores import score
 from ipmclab.prediction.validate import RunValidation, validate
+from ipmclab.reporting.drawn import drawn_outputs
 from ipmclab.reporting.figures.layout import Margins, panel_grid
-from ipmclab.reporting.figures.panels import MEASURED, curve
+from ipmclab.reporting.figures.panels import MEASURED, curve, left_out_curve
 from ipmclab.reporting.style import COLOURS, PAGE_WIDTH, label_text, style
 from ipmclab.reporting.wording import spelled_unit, with_unit
 from ipmclab.run import Run
@@ -22,6 +24,7 @@ if TYPE_CHECKING:
     from ipmclab.model import Actuator
 
 _HEIGHT: Final = 1.35
+_LINE: Final = 0.2  # inch, of a line of text at the foot
 _COLOURS: Final = ("vermillion", "blue")
 
 
@@ -37,7 +40,8 @@ def before_and_after(runs: Sequence[Run] | Run, before: Actuator, after: Actuato
     Returns
     -------
     figure : Figure
-        A row for each output of each run, with the root mean square of what is left over.
+        A row for each output of each run that the model after it identified, with the root mean square of what is
+        left over; a line says what is not drawn.
         Write it with ``save_figure``.
 
     Raises
@@ -56,7 +60,9 @@ def before_and_after(runs: Sequence[Run] | Run, before: Actuator, after: Actuato
     """
     drawn = [runs] if isinstance(runs, Run) else list(runs)
     pairs = list(zip(*(validate(model, drawn).runs for model in (before, after)), strict=True)) if drawn else []
-    rows = [(pair, output) for pair in pairs for output in pair[0].comparisons]
+    told = [drawn_outputs([after], pair[1].comparisons) for pair in pairs]
+    rows = [(pair, output) for pair, (outputs, _) in zip(pairs, told, strict=True) for output in outputs]
+    left_out = " ".join(dict.fromkeys(sentence for _, sentence in told if sentence))
     if not rows:
         raise InputError(
             "no run has a current, a displacement or a force to hold a model against",
@@ -64,11 +70,12 @@ def before_and_after(runs: Sequence[Run] | Run, before: Actuator, after: Actuato
             where="runs",
             repair="give runs with their readings",
         )
+    foot = _LINE if left_out else 0.0
     with style():
         figure, grid = panel_grid(
             [_HEIGHT] * len(rows),
             2,
-            margins=Margins(left=0.68, top=0.45, bottom=0.72, row_gap=0.42),
+            margins=Margins(left=0.68, top=0.45, bottom=0.72 + foot, row_gap=0.42),
             sharex="row",
             sharey="row",
         )
@@ -82,8 +89,11 @@ def before_and_after(runs: Sequence[Run] | Run, before: Actuator, after: Actuato
             [grid[0, 0].lines[0], grid[0, 0].lines[1], grid[0, 1].lines[1]],
             ["measured", "model before", "model after"],
             loc="lower center",
+            bbox_to_anchor=(0.5, foot / figure.get_figheight()),
             ncols=3,
         )
+        if left_out:
+            figure.text(0.01, 0.05 / figure.get_figheight(), left_out, fontsize=7.5, color=COLOURS["muted"])
     return figure
 
 
@@ -91,8 +101,10 @@ def _row(pair: tuple[RunValidation, RunValidation], output: str, panels: Sequenc
     quantity = CHANNELS[output]
     for one, panel, colour in zip(pair, panels, _COLOURS, strict=True):
         comparison = one.comparisons[output]
-        curve(panel, output, comparison.time, comparison.measured, **MEASURED)
+        counted = comparison.used if comparison.used.any() else np.ones_like(comparison.used)
+        curve(panel, output, comparison.time, np.where(counted, comparison.measured, np.nan), **MEASURED)
         curve(panel, output, comparison.time, comparison.predicted, color=COLOURS[colour])
+        left_out_curve(panel, output, comparison.time, np.where(counted, np.nan, comparison.measured))
         panel.margins(x=0.02, y=0.14)
         error = with_unit(score(output, [comparison]).rmse, quantity, 2)
         panel.text(1, 1.03, f"RMSE {error}", transform=panel.transAxes, ha="right", fontsize=7.5)

@@ -61,6 +61,13 @@ def curve(panel: Axes, channel: str, time: FloatArray, values: FloatArray, **loo
     panel.plot(*decimate(time, CHANNELS[channel].to_display(values)), **look)
 
 
+def left_out_curve(panel: Axes, channel: str, time: FloatArray, values: FloatArray, **look: Any) -> None:
+    """Draw readings that were left out, thin: they are shown, but do not set the scale."""
+    low, high = panel.dataLim.intervaly
+    curve(panel, channel, time, values, **{"color": COLOURS["measured"], "linewidth": 0.7, "alpha": 0.8, **look})
+    panel.dataLim.intervaly = (float(low), float(high))
+
+
 def band(
     panel: Axes, channel: str, time: FloatArray, middle: FloatArray, reach: FloatArray, *, label: str = ""
 ) -> None:

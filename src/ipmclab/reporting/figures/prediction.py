@@ -15,6 +15,7 @@ from ipmclab.reporting.figures.panels import (
     band,
     curve,
     held_curve,
+    left_out_curve,
     legend_above,
     model_series,
     name_panel,
@@ -37,8 +38,8 @@ def prediction_figure(run: Run, models: Mapping[str, Mapping[str, Comparison]]) 
     run : Run
         Gives time, voltage and hold.
     models : mapping of model name to (mapping of output to Comparison)
-        One or several models over the same outputs; rows that do not count are shaded, and an output of which none
-        count is not drawn beside others.
+        One or several models over the same outputs; rows that do not count are shaded and do not set the scale, and
+        an output of which none count is not drawn beside others.
 
     Returns
     -------
@@ -56,8 +57,10 @@ def prediction_figure(run: Run, models: Mapping[str, Mapping[str, Comparison]]) 
             quantity = CHANNELS[output]
             for index, (name, comparisons) in enumerate(models.items()):
                 one = comparisons[output]
+                counts = one.used if one.used.any() else np.ones_like(one.used)
                 if index == 0:
-                    curve(above, output, one.time, one.measured, label="measured", **MEASURED)
+                    counted = np.where(counts, one.measured, np.nan)
+                    curve(above, output, one.time, counted, label="measured", **MEASURED)
                     left_out = ranges_of(np.flatnonzero(~one.used))
                     shade(above, one.time, left_out, colour=COLOURS["mask"], label="left out")
                     shade(below, one.time, left_out, colour=COLOURS["mask"])
@@ -65,12 +68,16 @@ def prediction_figure(run: Run, models: Mapping[str, Mapping[str, Comparison]]) 
                     band(above, output, one.time, one.predicted, one.reach, label="95 % band")
                     band(below, output, one.time, np.zeros_like(one.reach), one.reach)
                 curve(above, output, one.time, one.predicted, label=label_text(name), **model_series(index))
-                curve(below, output, one.time, one.error, linewidth=0.8, color=model_series(index)["color"])
+                left = np.where(counts, one.error, np.nan)
+                curve(below, output, one.time, left, linewidth=0.8, color=model_series(index)["color"])
             name_panel(above, quantity.name, quantity, ticks=5)
             name_panel(below, "measured − model", quantity, ticks=2, bold=False)
             below.axhline(0.0, color=COLOURS["muted"], linewidth=0.5)
             # A band that is far wider than the record would flatten it: the caption says how wide it is.
             scale_to_lines(above)
             scale_to_lines(below)
+            first = each[output]
+            if first.used.any():
+                left_out_curve(above, output, first.time, np.where(first.used, np.nan, first.measured))
             legend_above(above)
     return figure

@@ -14,7 +14,17 @@ from matplotlib.figure import Figure
 from ipmclab.errors import InputError
 from ipmclab.prediction.validate import run_labels
 from ipmclab.quality import check
-from ipmclab.reporting.figures.panels import blocks, curve, held_curve, legend_above, name_panel, series, shade, stacked
+from ipmclab.reporting.figures.panels import (
+    blocks,
+    curve,
+    held_curve,
+    left_out_curve,
+    legend_above,
+    name_panel,
+    series,
+    shade,
+    stacked,
+)
 from ipmclab.reporting.save import save_figure
 from ipmclab.reporting.style import COLOURS, label_text, style
 from ipmclab.run import Finding, Run
@@ -121,23 +131,13 @@ def runs_figure(runs: Sequence[Run], labels: Sequence[str], findings: Sequence[S
                 about = [finding for finding in findings[place] if finding.channel in (channel, None)]
                 masked = _rows(run, [finding for finding in about if finding.effect == "mask"])
                 curve(panel, channel, run.time, np.where(masked, np.nan, values), **look)
-                within = _reach(panel)
                 colour = COLOURS["mask"] if len(runs) == 1 else str(look["color"])
                 _mark(panel, run, about, colour, alone=len(runs) == 1)
-                # Readings that were left out are shown, but do not set the scale.
-                left_out = np.where(masked, values, np.nan)
-                curve(panel, channel, run.time, left_out, color=colour, linewidth=0.7, alpha=0.8)
-                panel.dataLim.intervaly = within
+                left_out_curve(panel, channel, run.time, np.where(masked, values, np.nan), color=colour)
             name_panel(panel, CHANNELS[channel].name, CHANNELS[channel])
         panels[0].set_xlim(min(run.time[0] for run in runs), max(run.time[-1] for run in runs))
         _legends(panels, len(runs))
     return figure
-
-
-def _reach(panel: Axes) -> tuple[float, float]:
-    """From where to where the curves of a panel go."""
-    low, high = panel.dataLim.intervaly
-    return float(low), float(high)
 
 
 def _rows(run: Run, findings: Sequence[Finding]) -> npt.NDArray[np.bool_]:
