@@ -263,24 +263,20 @@ def test_a_text_is_never_cut_within_a_word_or_a_bracket(width: int) -> None:
     assert short.count("(") == short.count(")")
 
 
+AGREE = "a.nc and b.nc do not agree"
+
+
 @pytest.mark.parametrize(
-    ("text", "short"),
+    ("text", "width", "short"),
     [
-        # Behind a colon two words before a comma say nothing.
-        ("a.nc and b.nc do not agree: of a.nc, without it the gain changes by 5", "a.nc and b.nc do not agree"),
-        (
-            "a.nc and b.nc do not agree: without it the gain changes by 5, so look",
-            "a.nc and b.nc do not agree: without it the gain changes by 5",
-        ),
-        ("record longer, with steps and slow and fast signals and a weaker noise", "record longer"),
-        (
-            "the sensor is taken to drift by 0.3 mm over the whole record it made",
-            "the sensor is taken to drift by 0.3 mm ...",
-        ),
+        # Behind a colon two words before a comma say nothing; a clause does.
+        (f"{AGREE}: of a.nc, without it the gain changes by 5", 50, AGREE),
+        (f"{AGREE}: without it the gain changes, so look at it", 60, f"{AGREE}: without it the gain changes"),
+        ("record longer, with steps and slow and fast signals and a weaker noise", 40, "record longer"),
+        ("the sensor drifts by 0.3 mm over the whole record it made", 40, "the sensor drifts by 0.3 mm ..."),
     ],
 )
-def test_a_line_ends_where_a_clause_does(text: str, short: str) -> None:
-    width = {"the": 53, "rec": 40}.get(text[:3], 60)
+def test_a_line_ends_where_a_clause_does(text: str, width: int, short: str) -> None:
     assert shortened(text, width) == short
 
 

@@ -161,6 +161,8 @@ def test_a_mean_says_of_how_many_runs_and_from_where_to_where() -> None:
         return RunRow(name, "s", "", "", "step 2 V", "step", {"voltage": 2.0}, metrics)
 
     rows = (row("1", displacement=12e-3, force=1e-3), row("2", displacement=-0.4e-3))
-    page = comparison_html(Comparison(rows, (), (), {}, {}, {}, ())).replace(NO_BREAK, " ")
+    by = chosen_factors(["voltage"])
+    page = comparison_html(Comparison(rows, by, (), {}, {}, {}, ())).replace(NO_BREAK, " ")
     assert "6.20 mm (mean of 2 runs, 0.400 mm to 12.0 mm)" in page
     assert '<td class="number">1.00 mN</td>' in page  # of one run
+    assert "<p>No effect: as far as is known the runs do not differ in voltage.</p>" in page

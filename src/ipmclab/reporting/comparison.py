@@ -219,6 +219,7 @@ def comparison_html(comparison: Comparison, *, posterior: Posterior | None = Non
         doubtful=list(comparison.doubtful.items()),
         unread=comparison.unread,
         noise=comparison.only_noise,
+        why_no_effects=comparison.why_no_effects,
         command=command,
     )
 
