@@ -52,9 +52,10 @@ def metrics_of_run(run: Run, *, strip: Actuator | None = None, drift: Drift | No
     Examples
     --------
     >>> time = np.arange(0.0, 10.0, 0.01)
-    >>> run = Run.from_arrays(time=time, voltage=np.ones(1000), current=0.01 * np.ones(1000))
-    >>> {one.name: round(one.value, 4) for one in metrics_of_run(run) if one.name in ("charge", "energy")}
-    {'charge': 0.0999, 'energy': 0.0999}
+    >>> voltage = np.where(time >= 1.0, 1.0, 0.0)
+    >>> run = Run.from_arrays(time=time, voltage=voltage, current=0.01 * voltage)
+    >>> {one.name: round(one.value, 3) for one in metrics_of_run(run) if one.name in ("charge", "energy")}
+    {'charge': 0.09, 'energy': 0.09}
     """
     if drift is None:
         metrics = measure(run)
