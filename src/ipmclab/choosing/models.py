@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Final
 
 from ipmclab.errors import InputError
-from ipmclab.identification.problem.age import AGE
 from ipmclab.identification.problem.free import OBSERVATION_NAMES, parse_free
 from ipmclab.model import Actuator, load_actuator
 from ipmclab.model.actuator_file import library_names
 from ipmclab.model.declared import ELECTRICAL, MOTION, in_group
+from ipmclab.model.environment.age import AGE
 from ipmclab.model.kinds import stage_groups
 from ipmclab.model.variants import stage_names, with_stages
 

@@ -14,8 +14,8 @@ from ipmclab.confidence import NORMAL_95
 from ipmclab.fit.fit import DETERMINED, Direction, Fit, FittedParameter
 from ipmclab.fit.fit_table import changed
 from ipmclab.fit.output_diagnosis import OutputDiagnosis
+from ipmclab.fit.set_point import set_point_findings
 from ipmclab.identification.observed import observation, residuals
-from ipmclab.identification.problem.age import AGE, Age
 from ipmclab.identification.problem.order import Order
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.problem.response import CircuitResponder
@@ -40,12 +40,12 @@ from ipmclab.identification.uncertainty.interval import (
 )
 from ipmclab.identification.uncertainty.known_covariance import Table, covariance_table
 from ipmclab.identification.uncertainty.noise_found import drift_findings, noise_findings
-from ipmclab.identification.uncertainty.relaxing import set_point_findings
 from ipmclab.identification.undetermined.diagnosis import direction_of_one, directions, names_it, relative_errors
 from ipmclab.identification.undetermined.known_quantities import Point, known_quantities
 from ipmclab.identification.undetermined.leaning import leaning_findings
 from ipmclab.identification.undetermined.practical import practical
 from ipmclab.model import Actuator
+from ipmclab.model.environment.age import AGE, Age
 from ipmclab.model.parameters import Parameter
 from ipmclab.run import Finding, Run
 from ipmclab.version import __version__

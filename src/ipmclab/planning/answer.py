@@ -12,16 +12,16 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.errors import InputError
+from ipmclab.fit.dose import dose_now
 from ipmclab.fit.fit import Fit
 from ipmclab.fit.run_state import RunState
-from ipmclab.identification.environment.dose import dose_now
 from ipmclab.identification.environment.state_of_run import HUMIDITY_ERROR
-from ipmclab.identification.problem.age import AGE, Age
 from ipmclab.identification.problem.in_state import in_state, rates_of, strip_in_state
 from ipmclab.identification.problem.record import ending_of
 from ipmclab.identification.problem.unknowns import Unknown, actuator_unknown
 from ipmclab.model import Actuator
 from ipmclab.model.environment import Environment, equilibrium
+from ipmclab.model.environment.age import AGE, Age
 from ipmclab.model.environment.sorption import slope
 from ipmclab.model.sensitivity import Kept, sensitivities
 from ipmclab.planning.candidates import REST_BEFORE, Candidate

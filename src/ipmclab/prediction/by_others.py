@@ -12,7 +12,6 @@ import numpy.typing as npt
 from ipmclab.confidence import NORMAL_95
 from ipmclab.fit.fit import Fit
 from ipmclab.fit.run_state import RunState
-from ipmclab.identification.problem.age import AGE, grown
 from ipmclab.identification.problem.order import Order
 from ipmclab.identification.problem.problem import Evaluation, Problem
 from ipmclab.identification.problem.record import PreparedRun, model_hold, own_endings
@@ -20,6 +19,7 @@ from ipmclab.identification.problem.unknowns import Unknown
 from ipmclab.identification.search.solve import STRUCTURAL, descend
 from ipmclab.identification.uncertainty.known_covariance import covariance_table, known_of
 from ipmclab.model import Actuator
+from ipmclab.model.environment.age import AGE, grown
 from ipmclab.prediction.bands import Drive, noise_of, spread_of
 from ipmclab.prediction.scores import Comparison, Score
 from ipmclab.prediction.validate import validate

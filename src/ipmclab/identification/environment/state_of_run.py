@@ -10,12 +10,12 @@ from typing import Final
 import numpy as np
 
 from ipmclab.errors import InputError
+from ipmclab.fit.dose import added_by, doses_of, recorded
 from ipmclab.fit.run_state import RunState
-from ipmclab.identification.environment.dose import added_by, doses_of, recorded
-from ipmclab.identification.problem.age import Age
 from ipmclab.identification.problem.record import PreparedRun
 from ipmclab.model import Actuator
 from ipmclab.model.environment import Environment, EnvironmentHistory, WaterState, equilibrium
+from ipmclab.model.environment.age import Age
 from ipmclab.model.environment.hydration import FILM, LIQUID
 from ipmclab.model.environment.sorption import slope
 from ipmclab.run import Run

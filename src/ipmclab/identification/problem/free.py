@@ -8,8 +8,8 @@ from dataclasses import dataclass, field, replace
 from typing import Final
 
 from ipmclab.errors import InputError, suggest
-from ipmclab.identification.problem.age import AGE, Age, check_age
 from ipmclab.model.declared import in_group
+from ipmclab.model.environment.age import AGE, Age, check_age
 from ipmclab.model.environment.hydration import HYDRATION, PERCOLATION, REFERENCE_CONTENT, REFERENCE_TEMPERATURE, SITES
 from ipmclab.model.kinds import groups, kinds, stage_groups
 

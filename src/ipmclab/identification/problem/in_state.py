@@ -10,11 +10,11 @@ import numpy.typing as npt
 
 from ipmclab.fit.fit import Fit
 from ipmclab.fit.run_state import RunState
-from ipmclab.identification.problem.age import AGE, Age, grown
 from ipmclab.model import Actuator
 from ipmclab.model.declared import declaration_of
 from ipmclab.model.environment import WaterState
 from ipmclab.model.environment import in_state as moved_by_laws
+from ipmclab.model.environment.age import AGE, Age, grown
 from ipmclab.model.environment.laws import is_of_environment
 
 FloatArray = npt.NDArray[np.float64]

@@ -9,9 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.fit.run_state import RunState
-from ipmclab.identification.problem.age import AGE
 from ipmclab.identification.problem.record import PreparedRun
 from ipmclab.identification.problem.unknowns import Unknown
+from ipmclab.model.environment.age import AGE
 
 FloatArray = npt.NDArray[np.float64]
 
