@@ -11,9 +11,9 @@ import pytest
 
 from ipmclab import Run, RunMetadata, Sample, load_actuator
 from ipmclab.errors import InputError
+from ipmclab.fit import dose
 from ipmclab.fit.dose import dose_now, doses_of
 from ipmclab.fit.run_state import RunState
-from ipmclab.identification.environment import dose
 from ipmclab.identification.environment.remarks import doubtful, extrapolated
 from ipmclab.identification.environment.state_of_run import states_of, water_after, with_states
 from ipmclab.identification.problem.record import prepare

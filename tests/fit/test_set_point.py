@@ -10,7 +10,7 @@ import pytest
 
 from ipmclab import Fit, Run, identify, load_actuator, simulate
 from ipmclab.fit.fit import FittedParameter
-from ipmclab.identification.uncertainty import relaxing
+from ipmclab.fit.set_point import set_point_findings
 
 TAU = "relaxation.displacement.0.time_constant"
 RATIO = "relaxation.displacement.0.ratio"
@@ -42,7 +42,7 @@ def test_the_fit_says_whether_a_set_point_can_be_held(ratio: float, severity: st
     assert [one["code"] for one in fit.actuator.fit_table["findings"]] == [one.code for one in fit.findings]
     # The same value, less well known: nobody can tell.
     vague = {**fit.parameters, RATIO: replace(parameter, interval=(0.5, 1.5))}
-    (finding,) = relaxing.set_point_findings(replace(fit, parameters=vague))
+    (finding,) = set_point_findings(replace(fit, parameters=vague))
     assert finding.severity == "warning"
     assert finding.message.startswith("these runs do not show whether a set point of the displacement can be held")
 
@@ -51,7 +51,7 @@ def test_the_fit_says_whether_a_set_point_can_be_held(ratio: float, severity: st
 def test_an_interval_without_bounds_gives_no_verdict(interval: tuple[float, float]) -> None:
     fit = fit_of(0.6)
     vague = {**fit.parameters, RATIO: replace(fit.parameters[RATIO], interval=interval, determined=False)}
-    (finding,) = relaxing.set_point_findings(replace(fit, parameters=vague))
+    (finding,) = set_point_findings(replace(fit, parameters=vague))
     assert finding.severity == "warning"
     assert finding.message.startswith("these runs do not show whether a set point of the displacement can be held")
     assert "keeps" not in finding.message  # what the point value would mean, it does not
@@ -69,7 +69,7 @@ def test_the_interval_of_a_sum_uses_the_correlation() -> None:
     actuator = load_actuator("friend-2+relaxation.displacement=2").replace(**{n: p.value for n, p in two.items()})
     correlations = {a: {b: 1.0 if a == b else -0.9 for b in names} for a in names}
     both = replace(fit, actuator=actuator, parameters=two, correlations=correlations)
-    (finding,) = relaxing.set_point_findings(both)
+    (finding,) = set_point_findings(both)
     reach = 1.96 * np.sqrt(0.3**2 + 0.4**2 - 2 * 0.9 * 0.3 * 0.4)
     assert finding.values["low"] == pytest.approx(0.9 - reach, abs=1e-3)
     assert finding.values["high"] == pytest.approx(0.9 + reach, abs=1e-3)
@@ -78,4 +78,4 @@ def test_the_interval_of_a_sum_uses_the_correlation() -> None:
 
 def test_without_a_fitted_slow_mode_nothing_is_said() -> None:
     fit = fit_of(0.6)
-    assert relaxing.set_point_findings(replace(fit, parameters={})) == []
+    assert set_point_findings(replace(fit, parameters={})) == []
