@@ -30,6 +30,9 @@ from benchmarks.harness import finish
 SOURCES = ("src/ipmclab/model", "src/ipmclab/identification", "src/ipmclab/statespace", "src/ipmclab/fit")
 
 SEED: Final = 20261121
+PARTS: Final = ("determined", "findings", "directions")
+"""Of what a fit said."""
+
 ALLOWED: Final = 1e-6
 """Of a standard error."""
 
@@ -184,6 +187,13 @@ def measure(configuration: str, count: int) -> dict[str, Told] | None:
     return {line["name"]: Told(line["values"], line["errors"], line["said"]) for line in lines}
 
 
+def _parts(one: Any, other: Any) -> list[str]:
+    """Which parts of what two fits said differ; their refusals where one is refused."""
+    if isinstance(one, str) or isinstance(other, str):
+        return [f"{one} against {other}"]
+    return [name for name, own, its in zip(PARTS, one, other, strict=True) if own != its]
+
+
 def farthest(first: Mapping[str, Told], other: Mapping[str, Told]) -> list[tuple[float, str]]:
     """The largest difference of a determined value in each fit, in standard errors, and whose it is."""
     found = []
@@ -228,7 +238,7 @@ def main() -> None:
         others = [fit for fit, one in first.items() if one.said != found[fit].said]
         worst = f"{away[0][0]:.1g} ({away[0][1]})"
         lines.append(f"| {name} | {sum(size > ALLOWED for size, _ in away)} | {worst} | {len(others)} |")
-        apart += [f"{name}: {fit}: {first[fit].said} against {found[fit].said}" for fit in others]
+        apart += [f"{name}: {fit}: {', '.join(_parts(first[fit].said, found[fit].said))}" for fit in others]
         apart += [f"{name}: {where}: {size:.1g} standard errors" for size, where in away if size > ALLOWED]
     if apart:
         lines += ["", "What differs:", "", *(f"* {one}" for one in apart)]
