@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ipmclab import load_actuator, simulate
+from ipmclab import Run, identify, load_actuator, simulate
 from ipmclab.identification.problem.record import prepare
 from ipmclab.identification.problem.unknowns import actuator_unknown
 from ipmclab.identification.uncertainty.covariance import Uncertainty
@@ -101,3 +101,20 @@ def test_a_zero_that_does_not_show_is_no_reason_for_a_circuit_that_is_open() -> 
     assert of_circuit
     for one in of_circuit:
         assert "record longer, with steps and slow and fast signals" in one.sentence
+
+
+@pytest.mark.parametrize(("uncertainty", "is_open"), [(1.0, True), (1e-3, False)])
+def test_what_a_fixed_value_of_little_worth_leaves_open_asks_for_that_value(uncertainty: float, is_open: bool) -> None:
+    """Longer records say nothing of it: the readings know the combination, and not how much of it is the sheet's."""
+    strip = replace(FRIEND, standard_uncertainties={"circuit.sheet_resistance": uncertainty})
+    clean = simulate(FRIEND, "step 1 V delay=2 s", duration=40.0, rate=20.0)
+    assert clean.current is not None
+    noise = 1e-5 * np.random.default_rng(20261126).standard_normal(len(clean))
+    run = Run.from_arrays(time=clean.time, voltage=clean.voltage, current=clean.current + noise, hold="zero")
+    fit = identify(strip, run, free="electrical")
+    name = "circuit.branches.0.resistivity"
+    assert fit.parameters[name].determined is not is_open
+    open_ones = [one for one in fit.undetermined if abs(one.coefficients[name]) > 0.5]
+    assert [one.cures for one in open_ones] == ([("measure circuit.sheet_resistance",)] if is_open else [])
+    assert all("the stated uncertainty of circuit.sheet_resistance leaves it open" in one.sentence for one in open_ones)
+    assert not any("record longer" in one.sentence for one in open_ones)

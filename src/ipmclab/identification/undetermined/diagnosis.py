@@ -89,7 +89,9 @@ def directions(
     if open_ones.any() and not chosen:
         chosen.add(int(np.argmax(spread)))
     for place in (k for k in largest_first(spread) if k in chosen):
-        named.append(_direction(names, vectors[:, place], float(np.sqrt(spread[place])), records))
+        row, error = vectors[:, place], float(np.sqrt(spread[place]))
+        reason = _uncertain_value(row, found, size)
+        named.append(_held_uncertain(names, row, error, reason) if reason else _direction(names, row, error, records))
     against = _gain_against_zero(names, known, found, errors, records, exact)
     if against:
         named = [direction for direction in named if not _is_gain_against_zero(direction)]
@@ -128,6 +130,25 @@ def _direction(names: Sequence[str], row: FloatArray, error: float, records: Seq
     row = upright(row / np.linalg.norm(row))
     coefficients = {name: float(value) for name, value in zip(names, row, strict=True)}
     return Direction(coefficients, _sentence(coefficients, error, records), error)
+
+
+def _uncertain_value(row: FloatArray, found: Uncertainty, size: FloatArray) -> str:
+    """The fixed value whose stated uncertainty leaves a combination open that the readings determine; or none."""
+    large = np.abs(row) > _NAMED * np.abs(row).max()
+    of_readings = np.sqrt(found.of_readings) / size
+    if not found.slopes or np.any(of_readings[large] > DETERMINED):
+        return ""
+    felt = {name: float(np.abs(found.leverage[name][large]).max()) for name in found.slopes}
+    return max(felt, key=felt.__getitem__) if max(felt.values()) > 0.0 else ""
+
+
+def _held_uncertain(names: Sequence[str], row: FloatArray, error: float, held: str) -> Direction:
+    plain = _direction(names, row, error, ())
+    what = plain.sentence.split("; ")[0]
+    cure = measured(held) or f"measure {held} better"
+    return replace(
+        plain, sentence=f"{what}: the stated uncertainty of {held} leaves it open; {cure}", cures=(f"measure {held}",)
+    )
 
 
 def _null_direction(
