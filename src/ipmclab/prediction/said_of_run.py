@@ -15,8 +15,8 @@ from ipmclab.run import Finding
 from ipmclab.units import CHANNELS
 
 if TYPE_CHECKING:
+    from ipmclab.prediction.run_validation import RunValidation
     from ipmclab.prediction.scores import Comparison
-    from ipmclab.prediction.validate import RunValidation
 
 _GOOD: Final = 50.0
 """Percent of fit of minus the prediction from which on nothing but a sign explains it."""

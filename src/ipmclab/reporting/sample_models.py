@@ -11,7 +11,7 @@ from markupsafe import Markup
 
 from ipmclab.campaign.identified import MODELS, SampleModel, label_of
 from ipmclab.fit.in_brief import Brief, in_brief
-from ipmclab.prediction.validate import RunValidation
+from ipmclab.prediction.run_validation import RunValidation
 from ipmclab.reporting.figures.campaign import MOST_COLUMNS, predicted_figure
 from ipmclab.reporting.svg import inline_svg
 from ipmclab.reporting.tables import ParameterRow, known_rows, parameter_rows

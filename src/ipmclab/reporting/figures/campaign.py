@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from matplotlib.figure import Figure
 
 from ipmclab.campaign.results import Repeated
-from ipmclab.prediction.validate import RunValidation
+from ipmclab.prediction.run_validation import RunValidation
 from ipmclab.reporting.figures.layout import Margins, panel_grid
 from ipmclab.reporting.figures.panels import MEASURED, band, curve, model_series, name_panel, series
 from ipmclab.reporting.style import label_text, style

@@ -10,8 +10,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ipmclab.errors import InputError
+from ipmclab.prediction.run_validation import RunValidation
 from ipmclab.prediction.scores import score
-from ipmclab.prediction.validate import RunValidation, validate
+from ipmclab.prediction.validate import validate
 from ipmclab.reporting.drawn import drawn_outputs
 from ipmclab.reporting.figures.layout import Margins, panel_grid
 from ipmclab.reporting.figures.panels import MEASURED, curve, left_out_curve

@@ -1,0 +1,53 @@
+"""One run predicted by one actuator, and its scores."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from ipmclab.prediction.scores import Comparison, Score
+from ipmclab.run import Run
+
+
+@dataclass(frozen=True, eq=False)
+class RunValidation:
+    """One run predicted by one actuator.
+
+    Parameters
+    ----------
+    run : Run
+    label : str
+    predicted : Run
+        The same rows and voltage, with the outputs of the actuator.
+    comparisons : mapping of output to Comparison
+        Measured (the sensor's zero taken off), predicted, and the rows that count.
+    scores : mapping of output to Score
+    zeros : mapping of output to float [SI]
+        The reading before the voltage first moved, which was taken off.
+    delay : float [s] or None
+        How much later than the voltage channel says the strip was taken to see the voltage; None
+        where the hold is known, or no edge shows it.
+    used_in_fit : bool
+        Whether the actuator was identified from this very run.
+    """
+
+    run: Run
+    label: str
+    predicted: Run
+    comparisons: Mapping[str, Comparison]
+    scores: Mapping[str, Score]
+    zeros: Mapping[str, float]
+    delay: float | None
+    used_in_fit: bool
+
+    def as_dict(self) -> dict[str, Any]:
+        """The run as ``--json`` prints it."""
+        return {
+            "label": self.label,
+            "content_sha256": self.run.content_sha256,
+            "used_in_fit": self.used_in_fit,
+            "delay": self.delay,
+            "zeros": dict(self.zeros),
+            "scores": {name: one.as_dict() for name, one in self.scores.items()},
+        }
