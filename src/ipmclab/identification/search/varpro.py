@@ -26,7 +26,7 @@ FloatArray = npt.NDArray[np.float64]
 
 GRID_POLES: Final = 10  # from the fastest to the slowest that a record can show, at least
 _GRID_STARTS: Final = 4  # no two of them neighbours
-_MOST_SETS: Final = 10_000  # of grid poles that are all tried: up to five poles
+_MOST_SETS: Final = 10_000  # of grid poles that are all tried: up to six poles
 _EXCHANGES: Final = 10  # of each of the poles, where these are more
 _LONGEST_STEP: Final = 1.5  # of a logarithm in one iteration
 _SETTLED: Final = 1e-10  # relative decrease of the cost at which a descent ends
