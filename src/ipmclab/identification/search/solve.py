@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final, Protocol
@@ -407,7 +408,7 @@ def minimise(
     from scipy.optimize import least_squares
 
     kept: dict[bytes, Evaluation] = {} if here is None else {theta.tobytes(): here}
-    fallen = _Fallen(patience or evaluations)
+    fallen = _Fallen(math.inf if patience is None else patience)
 
     def at(point: FloatArray) -> Evaluation:
         key = point.tobytes()
@@ -457,7 +458,7 @@ class _HardlyFalls(Exception):
 class _Fallen:
     """How far the cost has fallen in a search, evaluation by evaluation, and where it was lowest."""
 
-    def __init__(self, patience: int) -> None:
+    def __init__(self, patience: float) -> None:
         self.costs: list[float] = []
         self._patience = patience
         self.lowest: tuple[FloatArray, Evaluation]
@@ -469,7 +470,7 @@ class _Fallen:
         cost = self.lowest[1].cost
         self.costs.append(cost)
         hardly = _HARDLY_FALLS * cost / max(len(here.residual), 1)
-        if len(self.costs) > self._patience and self.costs[-1 - self._patience] - cost < hardly:
+        if len(self.costs) > self._patience and self.costs[-1 - int(self._patience)] - cost < hardly:
             raise _HardlyFalls
 
 
