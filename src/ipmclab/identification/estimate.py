@@ -191,8 +191,7 @@ def _without_stages(
     off = {name: value for one in unseen for name, value in one.off.items()}
     columns = [column for column, unknown in enumerate(problem.unknowns) if unknown.name in gone]
     fewer = without_leak(actuator, problem.without(columns, off))
-    sizes = {column for column in columns if off.get(problem.unknowns[column].base) == 0.0}
-    first = beside_less(fewer, solution, columns, {column for column in sizes if not problem.unknowns[column].log})
+    first = beside_less(problem, fewer, solution, columns)
     return weigh(fewer, minimum_beside(fewer, first)) if len(first.theta) else (fewer, first)
 
 

@@ -30,7 +30,6 @@ from ipmclab.identification.problem.record import (
     PreparedRun,
     disambiguated,
     label_of,
-    noise_only,
     places_of_mountings,
     prepare,
 )
@@ -45,6 +44,7 @@ from ipmclab.one_thread import on_one_thread
 from ipmclab.progress import Tell, part, stage, telling
 from ipmclab.quality.check import check_record
 from ipmclab.quality.record import Record as Checked
+from ipmclab.quality.usable import noise_only
 from ipmclab.run import Finding, Run
 
 

@@ -21,7 +21,6 @@ from ipmclab.identification.problem.record import (
     READ_OUTPUTS,
     PreparedRun,
     label_of,
-    noise_only,
     prepare,
 )
 from ipmclab.model import Actuator
@@ -36,6 +35,7 @@ from ipmclab.prediction.run_validation import RunValidation
 from ipmclab.prediction.said_of_run import said_of_run
 from ipmclab.prediction.scores import Comparison, Score, score
 from ipmclab.quality import check
+from ipmclab.quality.usable import noise_only
 from ipmclab.run import Finding, Run, RunMetadata
 from ipmclab.shown import Shown
 from ipmclab.units import CHANNELS

@@ -148,6 +148,11 @@ class Correlated:
         inside = self.pieces[key].inside
         return np.asarray(residual + np.where(inside, (offset + drift * since) / self.problem.noise[key], 0.0))
 
+    def left_at_rest(self, key: Key) -> FloatArray:
+        """The same of the readings at 0 V alone, contacts that were touched aside."""
+        rows = self.left(key)[self.pieces[key].inside]
+        return left_at_rest(self.problem.record_at(key[0]), key[1], rows, self.problem.noise[key])
+
     @cached_property
     def whitenings(self) -> dict[Key, Whitening]:
         """What makes the rows of each output of each run independent."""
@@ -213,8 +218,7 @@ class Correlated:
         """
         found = {}
         for key, shape in self.shapes.items():
-            rows = self.left(key)[self.pieces[key].inside]
-            resting = left_at_rest(self.problem.record_at(key[0]), key[1], rows, self.problem.noise[key])
+            resting = self.left_at_rest(key)
             if is_at_rest_too(shape, resting) is False:
                 found[key] = len(resting), max(float(np.mean(resting**2)), self.problem.floors[key] ** 2)
         return found

@@ -118,7 +118,7 @@ def _switched_off(
     if not left:
         theta = solution.theta[left]
         return smaller, Solution(theta, smaller.evaluate(theta), True, "nothing else is free", 1)
-    here = beside_less(smaller, solution, columns, {column for column in sizes if not problem.unknowns[column].log})
+    here = beside_less(problem, smaller, solution, columns)
     return smaller, minimum_near(smaller, here.theta, here.evaluation, evaluations=100)
 
 

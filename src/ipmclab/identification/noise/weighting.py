@@ -19,7 +19,7 @@ from typing import Final
 import numpy as np
 
 from ipmclab.confidence import REJECT
-from ipmclab.identification.noise.at_rest import is_at_rest_too, is_shown_at_rest, left_at_rest
+from ipmclab.identification.noise.at_rest import is_at_rest_too, is_shown_at_rest
 from ipmclab.identification.noise.correlate import Again, Correlated
 from ipmclab.identification.noise.pieces import Key, System, refine_noise
 from ipmclab.identification.noise.whitening import CorrelatedProblem
@@ -92,12 +92,12 @@ def _is_same_strip(least: Correlated, there: Evaluation) -> bool:
 
 
 def _is_at_rest_too(under: Correlated, key: Key) -> bool | None:
-    return is_at_rest_too(under.shapes[key], _left_at_rest(under, key))
+    return is_at_rest_too(under.shapes[key], under.left_at_rest(key))
 
 
 def _are_at_rest_too(under: Correlated, coloured: Sequence[Key]) -> bool | None:
     """Whether the rows at 0 V have these noises; None where they do not say so."""
-    noises = {key: (under.shapes[key], _left_at_rest(under, key)) for key in coloured}
+    noises = {key: (under.shapes[key], under.left_at_rest(key)) for key in coloured}
     sized = {key: is_at_rest_too(*noise) for key, noise in noises.items()}
     answers: list[bool | None] = list(sized.values())
     shown = [key for key, one in sized.items() if one]
@@ -113,17 +113,12 @@ def at_rest_and_driven(under: Correlated, key: Key) -> tuple[float, float] | Non
     """
     if _is_at_rest_too(under, key) is not False:
         return None
-    resting = _left_at_rest(under, key)
+    resting = under.left_at_rest(key)
     driven = under.left(key)[under.pieces[key].inside][len(resting) :]
     unit = under.problem.noise[key]
     step = under.problem.record_at(key[0]).readings[key[1]].quantum
     at_rest = max(unit * float(np.std(resting)), step / math.sqrt(12.0))
     return at_rest, unit * float(np.sqrt(np.mean(driven**2)))
-
-
-def _left_at_rest(under: Correlated, key: Key) -> FloatArray:
-    values = under.left(key)[under.pieces[key].inside]
-    return left_at_rest(under.problem.record_at(key[0]), key[1], values, under.problem.noise[key])
 
 
 def _length(here: Evaluation, step: FloatArray) -> float:

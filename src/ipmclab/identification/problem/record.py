@@ -244,11 +244,6 @@ def _largest(finding: Finding) -> float:
     return abs(shown) + NORMAL_95 * float(finding.values["standard_error"] or 0.0)
 
 
-def noise_only(findings: Sequence[Finding]) -> frozenset[str]:
-    """Channels in which nothing but noise was measured: no model is to be judged or fitted by them."""
-    return frozenset(str(finding.channel) for finding in findings if finding.code == "noise-only")
-
-
 def _with_effective_voltage(run: Run, findings: Sequence[Finding]) -> Run:
     """The run with the voltage that reached the strip: none while it had no contact."""
     stretches = [pair for finding in findings if finding.code == "contact-missing" for pair in finding.samples]

@@ -61,7 +61,7 @@ def with_less(problem: Problem, solution: Solution, dropped: Set[int], resting: 
     smaller = Problem(
         problem.base, records, [problem.unknowns[column] for column in kept], problem.responder, problem.noise
     )
-    here = beside_less(smaller, solution, sorted(dropped), dropped)
+    here = beside_less(problem, smaller, solution, sorted(dropped))
     return weigh(smaller, minimum_beside(smaller, here))
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final
 
@@ -137,8 +137,13 @@ def minimum_beside(problem: Problem, near: Solution) -> Solution:
     return replace(found, evaluations=found.evaluations + near.evaluations)
 
 
-def beside_less(smaller: Problem, solution: Solution, gone: Sequence[int], zero: Collection[int]) -> Solution:
-    """Where to look for the minimum of a problem without some entries: the others follow those that are zero in it."""
+def beside_less(problem: Problem, smaller: Problem, solution: Solution, gone: Sequence[int]) -> Solution:
+    """Where to look for the minimum of a problem without some entries: the others follow those that are zero in it.
+
+    No logarithm is ever zero, and what is nothing without its stage (a time constant) leads nowhere.
+    """
+    of = problem.unknowns
+    zero = {place for place in gone if not of[place].log and not smaller.base.get(of[place].base)}
     moved = [-float(solution.theta[place]) if place in zero else 0.0 for place in gone]
     followed = solution.theta + with_others(solution.evaluation, gone, moved)[0]
     found = []

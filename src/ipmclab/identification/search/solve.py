@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final, Protocol
@@ -408,7 +407,7 @@ def minimise(
     from scipy.optimize import least_squares
 
     kept: dict[bytes, Evaluation] = {} if here is None else {theta.tobytes(): here}
-    fallen = _Fallen(math.inf if patience is None else patience)
+    fallen = _Fallen(patience)
 
     def at(point: FloatArray) -> Evaluation:
         key = point.tobytes()
@@ -458,7 +457,7 @@ class _HardlyFalls(Exception):
 class _Fallen:
     """How far the cost has fallen in a search, evaluation by evaluation, and where it was lowest."""
 
-    def __init__(self, patience: float) -> None:
+    def __init__(self, patience: int | None) -> None:
         self.costs: list[float] = []
         self._patience = patience
         self.lowest: tuple[FloatArray, Evaluation]
@@ -469,8 +468,9 @@ class _Fallen:
             self.lowest = point.copy(), here
         cost = self.lowest[1].cost
         self.costs.append(cost)
-        hardly = _HARDLY_FALLS * cost / max(len(here.residual), 1)
-        if len(self.costs) > self._patience and self.costs[-1 - int(self._patience)] - cost < hardly:
+        if self._patience is None or len(self.costs) <= self._patience:
+            return
+        if self.costs[-1 - self._patience] - cost < _HARDLY_FALLS * cost / max(len(here.residual), 1):
             raise _HardlyFalls
 
 
