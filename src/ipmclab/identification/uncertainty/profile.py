@@ -11,7 +11,7 @@ import numpy as np
 
 from ipmclab.identification.problem.problem import Evaluation, Problem
 from ipmclab.identification.problem.response import CircuitResponder
-from ipmclab.identification.search.solve import Pinned, Solution, descend, with_others
+from ipmclab.identification.search.solve import THERE, Pinned, Solution, descend, with_others
 from ipmclab.run import FloatArray
 
 _FARTHEST: Final = 7.0  # a factor of a thousand: beyond it an interval is called open
@@ -24,6 +24,7 @@ _FLAT: Final = 0.3  # part of a height below which a point lies in a plain
 _WALL: Final = 3.0  # times a height, beyond which a point lies behind a wall
 _APART: Final = 1e-5  # of an entry, between which a derivative is taken
 _SETTLED: Final = 5e-3  # of the threshold: what a further step of the others would still lower the cost by
+_LOST: Final = 3  # points of one side at which the others found no minimum, from which on nobody follows it
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,12 +40,16 @@ class Point:
     theta : float array, shape (n_unknown,)
         All entries.
     evaluation : Evaluation
+    is_found : bool
+        Whether the others have found their minimum, as they may not where poles meet: else the profile is no higher
+        than ``height``, and no interval ends on its word.
     """
 
     entry: float
     height: float
     theta: FloatArray
     evaluation: Evaluation
+    is_found: bool = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +94,7 @@ class Walk:
         self._side, self._error = math.copysign(1.0, error), min(abs(error), _FARTHEST)
         self._middle = float(solution.theta[place])
         self._slopes = {self._middle: 1.0 / self._error}
-        self._ends_at = math.inf
+        self._ends_at, self._lost = math.inf, 0
         self.points = [Point(self._middle, 0.0, solution.theta, solution.evaluation)]
 
     def distance(self, height: float) -> float:
@@ -106,8 +111,9 @@ class Walk:
             if trial is not None:
                 entry = self._middle + self._side * trial
                 point = held_at(self._problem, self._solution, self._place, entry, near, height * height)
-            if point is None:
-                self._ends_at = near.height  # nothing lies beyond: open above what was reached
+            self._lost += point is not None and not point.is_found
+            if point is None or self._lost > _LOST or (point.height < height and not point.is_found):
+                self._ends_at = near.height  # nothing is known beyond: open above what was reached
                 return math.inf
             self.points.append(point)
             self.points.sort(key=self._away)
@@ -151,6 +157,8 @@ class Walk:
             missing, away, slope = height - near.height, self._away(near), self._slope(near)
             on = missing <= _BESIDE * min(height, slope * away)
             return away + missing / slope if away > 0.0 and on else None
+        if not far.is_found:
+            return None
         beyond, away, slope = far.height - height, self._away(far), self._slope(far)
         if beyond <= _BESIDE * min(height, slope * away):
             return max(away - beyond / slope, self._away(near)) if slope > 0.0 else away
@@ -165,7 +173,7 @@ class Walk:
         if far is not None:
             room = self._away(far) - away
             onward = away + (height - near.height) / max(slope, 1e-300)
-            if near.height < _FLAT * height and far.height > _WALL * height:
+            if not far.is_found or (near.height < _FLAT * height and far.height > _WALL * height):
                 guess = away + 0.5 * room
             elif self._slope(far) > 0.0 or onward > away + room:
                 guess = self._cubic(near, far, height)
@@ -200,11 +208,12 @@ def held_at(
     """The best fit with one entry held, from another point of the profile.
 
     The others first move as the derivatives at the other point say, which is mostly all that they need; else a search
-    goes on from where these have led.
+    goes on from where these have led. That may end before the cost has stopped falling.
     """
     settled = _SETTLED * threshold
     pinned = Pinned(problem, place, entry)
     # An edge that crosses a row makes a kink, beyond which the others may do better. A circuit alone affords to look.
+    is_found = True
     is_kinked = any(unknown.base == "observation.delay" for unknown in problem.unknowns)
     if is_kinked and isinstance(problem.responder, CircuitResponder):
         found, promised = descend(pinned, np.delete(warm.theta, place), evaluations=60, tolerance=_NEAR), 0.0
@@ -212,11 +221,12 @@ def held_at(
         found, promised = pinned.follow(warm.theta, warm.evaluation, settled)
         if promised > settled:
             found, promised = descend(pinned, found.theta, found.evaluation, evaluations=60, tolerance=_NEAR), 0.0
+            is_found = found.converged and found.message != THERE
     whole = pinned.in_full(found)
     theta, here, cost = whole.theta, whole.evaluation, whole.evaluation.cost - promised
     spared = problem.spared(theta) - problem.spared(solution.theta)
     excess = cost - spared - solution.evaluation.cost
-    return Point(entry, float(np.sqrt(max(excess, 0.0))), theta, here) if np.isfinite(excess) else None
+    return Point(entry, float(np.sqrt(max(excess, 0.0))), theta, here, is_found) if np.isfinite(excess) else None
 
 
 def _pull(problem: Problem, point: Point, place: int) -> float:
