@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -122,6 +122,35 @@ def test_what_is_known_stands_beside_what_is_not() -> None:
     assert answer_of(fit).verdict.endswith(
         "none of its parameters is determined, but the quantities under 'known from these readings' are known."
     )
+
+
+def left_open(fit: Fit, determined: Collection[str] = ()) -> Fit:
+    """The same fit, of which only some parameters are determined."""
+    return replace(
+        fit, parameters={name: replace(one, determined=name in determined) for name, one in fit.parameters.items()}
+    )
+
+
+def test_a_fit_of_which_nothing_stands_predicts_voltages_like_its_own() -> None:
+    """Slow modes that a short record does not tell apart follow it, and say nothing of another voltage."""
+    fit = identify(FRIEND, noisy(np.random.default_rng(20261121), STEP), free="electrical,observation.offset.current")
+    zero = "observation.offset.current[0]"
+    like_its_own = (
+        "This fit can be used to predict the current only for voltages and durations like those of its own runs ("
+    )
+    bare = replace(left_open(fit, [zero]), known=(), findings=())
+    assert verdict(bare).startswith(like_its_own)
+    assert verdict(bare).endswith("none of the strip's 5 parameters is determined.")
+    # Quantities that stand only if the model holds do not stand where it lacks something.
+    lacking = replace(left_open(fit), findings=(finding("model-error"),))
+    assert fit.known
+    assert verdict(lacking).startswith(like_its_own)
+    # One parameter of the strip, or what all of them leave fixed, is something.
+    anything = "This fit can be used to predict the current ("
+    assert verdict(replace(bare, parameters=left_open(fit, ["circuit.dc_resistivity"]).parameters)).startswith(anything)
+    assert verdict(replace(left_open(fit), findings=())).startswith(anything)
+    rough = replace(bare, observations=tuple(replace(one, noise={"current": 1.0}) for one in bare.observations))
+    assert verdict(rough).startswith("This fit predicts the current only roughly and only for voltages and durations")
 
 
 def test_several_runs_and_outputs_go_by_their_names() -> None:

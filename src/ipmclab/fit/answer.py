@@ -259,7 +259,24 @@ def verdict(fit: Fit, missed: Collection[str] = ()) -> str:
         use = f"This fit follows the {what} of its own runs, but does not predict the {_listed(lost)} of others"
     elif (worst is not None and worst > _ROUGH) or any(one.code in IMPOSSIBLE for one in fit.findings):
         use = f"This fit predicts the {what} only roughly"
+    if not lost and nothing_stands(fit):
+        use += f"{' and' if use.endswith('roughly') else ''} only for voltages and durations like those of its own runs"
     return f"{use} ({followed}); {_of_parameters(fit)}."
+
+
+def nothing_stands(fit: Fit) -> bool:
+    """Whether nothing that a fit found is known of the strip itself: such a fit follows its own records.
+
+    Parameters of an observation (a zero, a delay) belong to a record. Where all parameters exchange with each other,
+    the quantities that they leave fixed predict other voltages as well; they stand if the model holds.
+    """
+    own = _of_strip(fit)
+    return bool(own) and not any(one.determined for one in own) and (not fit.known or lacks_something(fit))
+
+
+def _of_strip(fit: Fit) -> list[FittedParameter]:
+    """The parameters of the strip itself, without the zeros and delays of its records."""
+    return [one for name, one in fit.parameters.items() if not name.startswith("observation.")]
 
 
 def _why_not(fit: Fit, outputs: Sequence[str]) -> str:
@@ -292,11 +309,13 @@ def _of_parameters(fit: Fit) -> str:
         return "its values are averages of mountings that differ: fit each mounting by itself"
     unknown = sum(not one.determined for one in fit.parameters.values())
     lacks = lacks_something(fit)
-    count = len(fit.parameters)
+    count, own = len(fit.parameters), _of_strip(fit)
     if not count:
         text = "no parameter was free"
     elif unknown == count:
         text = "none of its parameters is determined" if count > 1 else "its parameter is not determined"
+    elif len(own) > 1 and not any(one.determined for one in own):
+        text = f"none of the strip's {len(own)} parameters is determined"
     elif unknown:
         text = f"{unknown} of its {count} parameters {'is' if unknown == 1 else 'are'} not determined"
     else:
