@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import signal
+import sys
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_info
 
 import ipmclab
 import ipmclab.choosing.choice
@@ -80,6 +84,77 @@ def test_whole_runs_are_predicted_from_the_others() -> None:
     assert choice["branches=2"].rmse["current"] == pytest.approx(WHITE, rel=0.1)
 
 
+def stopped_at(*words: str) -> Callable[[str, int, int], None]:
+    """Who presses Ctrl-C when a fit begins whose words these are."""
+
+    def interrupt(what: str, *_: int) -> None:
+        if all(word in what for word in words):
+            signal.raise_signal(signal.SIGINT)
+
+    return interrupt
+
+
+def test_who_interrupts_keeps_the_models_that_were_finished() -> None:
+    """Two of three are compared as if the third had never been asked for, and a sentence names it."""
+    run = record("friend-2", "step 1 V delay=1 s", 0)
+    asked = {"actuator": "friend-2", "free": "electrical", "blocks": 8, "folds": 2}
+    progress = stopped_at("model 3 of 3: branches=3", "part 2 of 2 held out")
+    choice = ipmclab.choose(run, "branches=1,2,3", **asked, progress=progress)
+    whole = ipmclab.choose(run, "branches=1,2", **asked)
+    assert choice.unfinished == ("branches=3",)
+    assert choice.sentences[0] == "Interrupted: branches=3 was not finished, and was not compared."
+    assert not any(text.startswith("branches=3 could not") for text in choice.sentences)
+    assert choice.preferred == whole.preferred
+    assert whole.unfinished == ()
+    assert [one.name for one in choice.ranked] == [one.name for one in whole.ranked]
+    assert [one.log_predictive for one in choice.ranked] == [one.log_predictive for one in whole.ranked]
+    assert choice.as_dict()["unfinished"] == ["branches=3"]
+
+
+@pytest.mark.parametrize("words", [("model 1 of 3", "all runs"), ("model 2 of 3", "part 1 of 2 held out")])
+def test_one_finished_model_is_no_comparison(words: tuple[str, str]) -> None:
+    run = record("friend-2", "step 1 V", 0, seconds=4.0)
+    with pytest.raises(KeyboardInterrupt):
+        ipmclab.choose(
+            run,
+            "branches=1,2,3",
+            actuator="friend-2",
+            free="circuit.dc_resistivity",
+            blocks=4,
+            folds=2,
+            progress=stopped_at(*words),
+        )
+
+
+def test_what_one_fit_asks_last_is_not_all_that_ctrl_c_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Alone, a fit that is interrupted while it asks what its model lacks is kept."""
+
+    def diagnose(*_: object) -> None:
+        signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr(sys.modules["ipmclab.identification.identify"], "diagnose", diagnose)
+    with pytest.raises(KeyboardInterrupt):
+        ipmclab.choose(
+            record("friend-2", "step 1 V", 0, seconds=4.0),
+            "branches=1,2",
+            actuator="friend-2",
+            free="circuit.dc_resistivity",
+        )
+
+
+def test_the_linear_algebra_of_a_choice_has_one_thread() -> None:
+    """Between its fits too: many threads took ten times as long for its noise on a busy machine."""
+    threads: set[int] = set()
+
+    def look(*_: object) -> None:
+        threads.update(one["num_threads"] for one in threadpool_info() if one["user_api"] == "blas")
+
+    run = record("friend-2", "step 1 V", 0, seconds=4.0)
+    free = "circuit.dc_resistivity"
+    ipmclab.choose(run, "branches=1,2", actuator="friend-2", free=free, blocks=4, folds=2, progress=look)
+    assert threads == {1}
+
+
 def test_a_model_that_needs_what_was_not_measured_is_named_with_its_reason() -> None:
     run = record("friend-2", "step 1 V", 4)
     choice = ipmclab.choose(run, ["branches=1", "branches=2", "relaxation.displacement"], actuator="friend-2")
@@ -136,8 +211,6 @@ def test_a_mistyped_model_is_refused_at_once_by_its_name(bad: str, code: str) ->
 
 
 def test_a_fit_that_breaks_is_named_with_its_reason(monkeypatch: pytest.MonkeyPatch) -> None:
-    import sys
-
     module = sys.modules["ipmclab.choosing.choose"]
     identify = module.identify
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import importlib
+import json
+import signal
 from pathlib import Path
 
 import numpy as np
@@ -58,6 +61,50 @@ def test_a_table_for_people(command: Command, step: Path) -> None:
     said = " ".join(outcome.out.split())
     assert "branches=1 predicts worse than branches=2" in said
     assert "line.modes+leak.cubic could not be compared" in said
+
+
+def interrupted_at(monkeypatch: pytest.MonkeyPatch, branches: int) -> None:
+    """Ctrl-C comes when the model of so many branches is fitted without a part."""
+    module = importlib.import_module("ipmclab.choosing.choose")
+    hold_out = module.hold_out
+
+    def pressed(actuator: ipmclab.Actuator, *given: object) -> object:
+        if actuator.structure.branches == branches:
+            signal.raise_signal(signal.SIGINT)
+        return hold_out(actuator, *given)
+
+    monkeypatch.setattr(module, "hold_out", pressed)
+
+
+MODELS = ("--actuator", "friend-2", "--models", "branches=1,2,3", "--folds", "2", "--blocks", "8")
+
+
+@pytest.mark.parametrize("as_json", [False, True])
+def test_ctrl_c_keeps_what_stands(
+    command: Command, step: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, as_json: bool, capsys
+) -> None:
+    """Two finished models are shown, files are written, and the status is that of an interrupted command."""
+    interrupted_at(monkeypatch, 3)
+    with pytest.raises(SystemExit) as ended:
+        command("choose", NAME, *MODELS, "--out", "best.toml", *(["--json"] if as_json else []))
+    assert ended.value.code == 130
+    out = capsys.readouterr().out
+    assert ipmclab.read_fit(tmp_path / "best.toml").actuator.structure.branches in (1, 2)
+    if as_json:
+        document = json.loads(out)
+        assert document["unfinished"] == ["branches=3"]
+        assert document["preferred"] in ("branches=1", "branches=2")
+    else:
+        assert "Interrupted: branches=3 was not finished, and was not compared." in " ".join(out.split())
+        assert "preferred" in out
+
+
+def test_ctrl_c_before_two_models_are_finished_says_so(command: Command, step: Path, monkeypatch) -> None:
+    interrupted_at(monkeypatch, 2)
+    outcome = command("choose", NAME, *MODELS)
+    assert outcome.status == 130
+    assert outcome.err.startswith("error: stopped before two models were finished: nothing can be compared; ")
+    assert outcome.out == ""
 
 
 @pytest.mark.parametrize(

@@ -14,6 +14,9 @@ from ipmclab.shown import Shown
 
 HoldOut = Literal["runs", "blocks"]
 
+UNFINISHED: Final = "interrupted before its fits were done"
+"""Why a model is not compared of which Ctrl-C ended the fits."""
+
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
@@ -138,6 +141,11 @@ class Choice(Shown):
         return self.ranked[0].name
 
     @property
+    def unfinished(self) -> tuple[str, ...]:
+        """The models of which Ctrl-C ended the fits; empty where all of them were let run to their end."""
+        return tuple(one.name for one in self.candidates if one.reason == UNFINISHED)
+
+    @property
     def fit(self) -> Fit:
         """The fit of the preferred model to all runs."""
         fit = self[self.preferred].fit
@@ -160,6 +168,9 @@ class Choice(Shown):
         """What came of it, in words."""
         lines = []
         ranked = self.ranked
+        if self.unfinished:
+            were = "was" if len(self.unfinished) == 1 else "were"
+            lines.append(f"Interrupted: {_listed(self.unfinished)} {were} not finished, and {were} not compared.")
         against = [(one, self.differences[one.name, self.best]) for one in ranked[1:]]
         alike = [one for one, apart in against if not apart.is_told]
         if alike:
@@ -200,7 +211,8 @@ class Choice(Shown):
             for one in ranked
             if one.fit is not None and not one.fit.converged
         ]
-        lines += [f"{one.name} could not be compared: {one.reason}." for one in self.candidates if one.reason]
+        failed = [one for one in self.candidates if one.reason not in ("", UNFINISHED)]
+        lines += [f"{one.name} could not be compared: {one.reason}." for one in failed]
         if self.unscored:
             lines.append(f"Not every model reads the {_listed(self.unscored)}: that was left out of the comparison.")
         return tuple(lines)
@@ -255,6 +267,7 @@ class Choice(Shown):
             "readings": self.readings,
             "effective_readings": self.effective_readings,
             "sentences": list(self.sentences),
+            "unfinished": list(self.unfinished),
             "models": [_as_dict(self, one) for one in self.candidates],
             "differences": [_difference(one) for one in self.differences.values()],
         }

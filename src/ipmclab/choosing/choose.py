@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
@@ -10,20 +9,18 @@ from typing import Final
 import numpy as np
 
 from ipmclab.choosing.blocks import run_blocks, time_blocks
-from ipmclab.choosing.choice import Candidate, Choice, HoldOut, as_close
-from ipmclab.choosing.compare import HeldOut, difference
+from ipmclab.choosing.choice import UNFINISHED, Candidate, Choice, HoldOut
+from ipmclab.choosing.compare import HeldOut
 from ipmclab.choosing.held_out import (
     Division,
     Fold,
-    Key,
     held_out_noise,
     held_out_rmse,
     hold_out,
-    residuals,
     score_blocks,
 )
-from ipmclab.choosing.models import free_of, parse_models, refuse_unknown, words_of
-from ipmclab.choosing.noise import FadingNoise, ResidualSeries, fit_noise
+from ipmclab.choosing.models import free_of, named_models, refuse_unknown, words_of
+from ipmclab.choosing.ranking import none_compared, ranked_choice
 from ipmclab.choosing.stages_shown import shown_in_one, stages_apart, stages_held
 from ipmclab.engine import Engine, Here
 from ipmclab.errors import InputError, IpmclabError
@@ -31,10 +28,10 @@ from ipmclab.fit.fit import Fit
 from ipmclab.identification.identify import identify
 from ipmclab.identification.problem.record import READ_OUTPUTS, prepare
 from ipmclab.model import Actuator
+from ipmclab.one_thread import on_one_thread
 from ipmclab.prediction.validate import run_labels
 from ipmclab.quality import check
 from ipmclab.run import Run
-from ipmclab.ties import largest_first
 
 BLOCKS: Final = 24
 """Blocks whose differences are compared: enough for a standard error, and each still a piece of a response."""
@@ -43,13 +40,13 @@ FOLDS: Final = 6
 """Parts in which blocks are held out together."""
 
 Tell = Callable[[str, int, int], None]
-Left = Mapping[Key, tuple[ResidualSeries, FadingNoise]]
-"""What a fit leaves of each output of each run, and the noise that it looks like."""
+_FEWEST: Final = 2  # models that are a comparison
 
 _FAULTS: Final = (ArithmeticError, ValueError, np.linalg.LinAlgError)
 """What a fit of an unsuitable model may end in, besides our own errors."""
 
 
+@on_one_thread
 def choose(
     runs: Sequence[Run] | Run,
     models: str | Iterable[str | Actuator],
@@ -102,6 +99,9 @@ def choose(
         whose stages do not go together: that one comes last, with its reason.
     IpmclabError
         None of the models could be compared.
+    KeyboardInterrupt
+        Ctrl-C before two models were finished. Later those that were finished are compared, and
+        ``unfinished`` names the others.
 
     Examples
     --------
@@ -114,24 +114,25 @@ def choose(
     'branches=2'
     """
     given = [runs] if isinstance(runs, Run) else list(runs)
-    named = _named(models, actuator)
+    named = named_models(models, actuator)
     _refuse(given, blocks, folds, held_out)
     asked, own = words_of(free), words_of(per_run)
     built = [(name, model) for name, model in named if isinstance(model, Actuator)]
     candidates = {name: Candidate(name, reason=str(fault)) for name, fault in named if isinstance(fault, InputError)}
     if not built:
-        raise _none(candidates)
+        raise none_compared(candidates)
     refuse_unknown((*asked, *own), [model for _, model in built])
     whole_runs = len(given) > 1 if held_out is None else held_out == "runs"
     told = list(labels) if labels is not None else run_labels(given)
     channels = {name for run in given for name in READ_OUTPUTS if name in run.channels}
     each = min(folds, len(given)) if whole_runs else folds
     count, done = len(built) * (1 + each), 0
+    place_of = {name: f"model {place} of {len(built)}" for place, (name, _) in enumerate(built, start=1)}
 
     def tell(name: str, what: str) -> bool:
         nonlocal done
         if progress is not None:
-            progress(f"{name}, {what}", done, count)
+            progress(f"{place_of[name]}: {name}, {what}", done, count)
         done += 1
         return True
 
@@ -148,25 +149,41 @@ def choose(
     said: dict[str, HeldOut] = {}
     apart = stages_apart(dict(built))
     fitted = [one for one in tasks if candidates[one.name].fit is not None]
-    for name, parts in _folds(by, replace(every, division=division), fitted, tell):
-        one = candidates[name]
-        if isinstance(parts, str):
-            candidates[name] = replace(one, reason=f"without a part of the readings: {parts}")
-            continue
-        assert one.fit is not None
-        noise = held_out_noise(parts, division)
-        said[name] = score_blocks(parts, division, noise)
-        candidates[name] = replace(
-            one,
-            log_predictive=float(said[name].score.sum()),
-            rmse=held_out_rmse(parts, division),
-            noise=noise,
-            shown_in_one=shown_in_one(one.fit, apart[name], parts, division),
-        )
+    try:
+        for name, parts in _folds(by, replace(every, division=division), fitted, tell):
+            if isinstance(parts, str):
+                candidates[name] = replace(candidates[name], reason=f"without a part of the readings: {parts}")
+            else:
+                candidates[name], said[name] = _judged(candidates[name], parts, division, apart[name])
+    except KeyboardInterrupt:
+        if len(said) < _FEWEST:
+            raise
+        candidates |= {
+            name: replace(one, reason=UNFINISHED, log_predictive=None)
+            for name, one in candidates.items()
+            if name not in said and not one.reason
+        }
     said = {name: said[name] for name in candidates if name in said}
     for name, stages in stages_held(dict(built), {name: candidates[name].free for name, _ in built}).items():
         candidates[name] = replace(candidates[name], held=stages)
-    return _choice(given, candidates, said, division, unscored, told)
+    return ranked_choice(given, candidates, said, division, unscored, told)
+
+
+def _judged(
+    one: Candidate, parts: Sequence[Fold], division: Division, stages: Sequence[str]
+) -> tuple[Candidate, HeldOut]:
+    """A model with what it says of the readings that were held out; ``stages`` are those that not every model has."""
+    assert one.fit is not None
+    noise = held_out_noise(parts, division)
+    said = score_blocks(parts, division, noise)
+    judged = replace(
+        one,
+        log_predictive=float(said.score.sum()),
+        rmse=held_out_rmse(parts, division),
+        noise=noise,
+        shown_in_one=shown_in_one(one.fit, stages, parts, division),
+    )
+    return judged, said
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,9 +209,12 @@ class _Asked:
 def _fit_all(given: _Given, asked: _Asked) -> Fit | str:
     """The fit of a model to everything, or why there is none."""
     try:
-        return identify(asked.model, given.runs, free=asked.free, per_run=asked.per_run, labels=given.labels)
+        fit = identify(asked.model, given.runs, free=asked.free, per_run=asked.per_run, labels=given.labels)
     except (IpmclabError, *_FAULTS) as fault:
         return _why(fault)
+    if any(finding.code == "stages-not-tried" for finding in fit.findings):
+        raise KeyboardInterrupt  # who interrupts a choice does not mean the last question of one of its fits
+    return fit
 
 
 def _fit_without(given: _Given, asked: _Asked) -> Fold | str:
@@ -236,28 +256,6 @@ def _folds(
         if len(parts[name]) == count:
             own = parts.pop(name)
             yield name, tuple(own[place] for place in range(count))
-
-
-def _named(
-    models: str | Iterable[str | Actuator], actuator: str | Actuator | None
-) -> list[tuple[str, Actuator | InputError]]:
-    named: list[tuple[str, Actuator | InputError]] = []
-    for one in [models] if isinstance(models, str) else list(models):
-        named += [(one.name, one)] if isinstance(one, Actuator) else parse_models(one, actuator)
-    names = [name for name, _ in named]
-    twice = next((name for name in names if names.count(name) > 1), None)
-    if twice is not None:
-        raise InputError(
-            f"two models are called {twice!r}", code="same-model-twice", where="models", repair="give each model once"
-        )
-    if len(named) < 2:
-        raise InputError(
-            f"{len(named)} model was given" if named else "no models were given",
-            code="no-models",
-            where="models",
-            repair="name at least two, such as branches=1,2",
-        )
-    return named
 
 
 def _refuse(runs: Sequence[Run], blocks: int, folds: int, held_out: HoldOut | None) -> None:
@@ -306,7 +304,7 @@ def _divide(
     """The blocks, and what of each run is scored: the outputs that every model reads."""
     fits = [one.fit for one in candidates.values() if one.fit is not None]
     if not fits:
-        raise _none(candidates)
+        raise none_compared(candidates)
     read = [[set(fit.observations[place].noise) for fit in fits] for place in range(len(runs))]
     keys = [
         (place, output)
@@ -329,83 +327,3 @@ def _divide(
     cut = run_blocks if whole_runs else time_blocks
     found = [block for block in cut(records, blocks, folds) if any(place == block.run for place, _ in keys)]
     return Division(records, found, keys, whole_runs), tuple(sorted(some - {output for _, output in keys}))
-
-
-def _choice(
-    runs: Sequence[Run],
-    candidates: Mapping[str, Candidate],
-    said: Mapping[str, HeldOut],
-    division: Division,
-    unscored: tuple[str, ...],
-    labels: Sequence[str],
-) -> Choice:
-    if not said:
-        raise _none(candidates)
-    names = list(said)
-    scores = np.array([float(said[name].score.sum()) for name in names])
-    # Log densities have no zero of their own: what counts is how far each lies below the best, to a thousandth.
-    order = [names[k] for k in largest_first(np.round(scores - scores.max(), 3))]
-    block_of, run_of = division.indices()
-    differences = {
-        (first, second): difference((first, said[first]), (second, said[second]), block_of, run_of)
-        for first in order
-        for second in order
-        if first != second
-    }
-    best = order[0]
-    alike = [best, *(name for name in order[1:] if not differences[name, best].is_told)]
-    close = as_close([candidates[name] for name in alike])
-    preferred = min(close, key=lambda name: (candidates[name].parameters, order.index(name)))
-    left = {name: _left(runs, candidates[name], division) for name in order}
-    readings = sum(int(np.count_nonzero(series.seen)) for series, _ in left[best].values())
-    effective = sum(noise.effective_readings(series) for series, noise in left[best].values())
-    finished = [_informed(candidates[name], left[name], effective) for name in order]
-    failed = [one for name, one in candidates.items() if name not in said]
-    return Choice(
-        candidates=(*finished, *failed),
-        preferred=preferred,
-        differences=differences,
-        held_out="runs" if division.whole_runs else "blocks",
-        blocks=len(division.blocks),
-        outputs=division.outputs,
-        labels=tuple(labels),
-        readings=readings,
-        effective_readings=effective,
-        unscored=unscored,
-    )
-
-
-def _left(runs: Sequence[Run], one: Candidate, division: Division) -> Left:
-    """What the fit to all runs leaves of each output, and the noise that it looks like."""
-    assert one.fit is not None
-    found: dict[Key, ResidualSeries] = {}
-    for place, run in enumerate(runs):
-        found.update(residuals(division, one.fit, run, place, place))
-    noise = {
-        output: fit_noise([series for key, series in found.items() if key[1] == output]) for output in division.outputs
-    }
-    return {key: (series, noise[key[1]]) for key, series in found.items()}
-
-
-def _informed(one: Candidate, left: Left, effective: float) -> Candidate:
-    """The candidate with its information criteria."""
-    likely = sum(noise.filter(series).total for series, noise in left.values())
-    noises = {key[1]: noise for key, (_, noise) in left.items()}
-    count = one.parameters + sum(noise.parameters for noise in noises.values())
-    return replace(
-        one,
-        aic=2.0 * count - 2.0 * likely,
-        # A drift may leave two or three independent readings: BIC would then ask for less than AIC.
-        bic=count * max(math.log(effective), 2.0) - 2.0 * likely,
-        log_likelihood=likely,
-    )
-
-
-def _none(candidates: Mapping[str, Candidate]) -> IpmclabError:
-    reasons = "; ".join(f"{name}: {one.reason}" for name, one in candidates.items())
-    return IpmclabError(
-        f"none of the models could be compared ({reasons})",
-        code="nothing-to-compare",
-        where="models",
-        repair="see that the runs have what the models need",
-    )

@@ -62,6 +62,29 @@ def parse_models(
     return [(word, _model_or_fault(word, base)) for word in dict.fromkeys(words)]
 
 
+def named_models(
+    models: str | Iterable[str | Actuator], actuator: str | Actuator | None
+) -> list[tuple[str, Actuator | InputError]]:
+    """The models of a call with their names, at least two and no two alike; the error as in ``parse_models``."""
+    named: list[tuple[str, Actuator | InputError]] = []
+    for one in [models] if isinstance(models, str) else list(models):
+        named += [(one.name, one)] if isinstance(one, Actuator) else parse_models(one, actuator)
+    names = [name for name, _ in named]
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise InputError(
+            f"two models are called {twice!r}", code="same-model-twice", where="models", repair="give each model once"
+        )
+    if len(named) < 2:
+        raise InputError(
+            f"{len(named)} model was given" if named else "no models were given",
+            code="no-models",
+            where="models",
+            repair="name at least two, such as branches=1,2",
+        )
+    return named
+
+
 def _model_or_fault(word: str, base: str | Actuator | None) -> Actuator | InputError:
     try:
         return _model(word, base)

@@ -14,7 +14,8 @@ import typer
 from ipmclab.cli.files import actuator_files, check_output, read_runs
 from ipmclab.cli.options import Force, Json, PerRun, RunFiles, Scheduler, Workers
 from ipmclab.cli.output import console, print_json, print_paragraph, print_table, read, significant
-from ipmclab.errors import InputError
+from ipmclab.cli.record import INTERRUPTED
+from ipmclab.errors import InputError, IpmclabError
 from ipmclab.units import CHANNELS
 
 if TYPE_CHECKING:
@@ -86,18 +87,21 @@ def choose(
         )
     loaded = read_runs(runs)
     with _telling() as tell, opened(scheduler=scheduler, workers=workers) as engine:
-        choice = choose_model(
-            loaded,
-            models,
-            actuator=actuator,
-            free=free,
-            per_run=per_run,
-            held_out=hold_out,  # type: ignore[arg-type]
-            blocks=blocks,
-            folds=folds,
-            engine=engine,
-            progress=tell,
-        )
+        try:
+            choice = choose_model(
+                loaded,
+                models,
+                actuator=actuator,
+                free=free,
+                per_run=per_run,
+                held_out=hold_out,  # type: ignore[arg-type]
+                blocks=blocks,
+                folds=folds,
+                engine=engine,
+                progress=tell,
+            )
+        except KeyboardInterrupt:
+            raise _stopped() from None
     if out is not None:
         from ipmclab import write_fit
 
@@ -119,11 +123,23 @@ def choose(
     written = {"out": out, "report": report, "plot": plot}
     if as_json:
         print_json(choice.as_dict() | {"runs": runs} | written)
-        return
-    print_choice(choice)
-    for path in written.values():
-        if path is not None:
-            print(f"wrote {path}")
+    else:
+        print_choice(choice)
+        for path in written.values():
+            if path is not None:
+                print(f"wrote {path}")
+    if choice.unfinished:
+        raise SystemExit(INTERRUPTED)  # what stands is kept, and it is not all that was asked
+
+
+def _stopped() -> IpmclabError:
+    stopped = IpmclabError(
+        "stopped before two models were finished: nothing can be compared",
+        code="interrupted",
+        repair="run the command again, with fewer --models, --folds or --free where it takes too long, or --workers",
+    )
+    stopped.exit_status = INTERRUPTED
+    return stopped
 
 
 def print_choice(choice: Choice) -> None:
@@ -165,4 +181,4 @@ def _telling() -> Iterator[Callable[[str, int, int], None] | None]:
         yield None
         return
     with console(stderr=True).status("choosing") as status:
-        yield lambda what, done, total: status.update(f"choosing: fit {done + 1} of {total} ({what})")
+        yield lambda what, done, total: status.update(f"choosing: {what} (fit {done + 1} of {total})")
