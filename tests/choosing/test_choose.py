@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from threadpoolctl import threadpool_info
+from threadpoolctl import threadpool_info, threadpool_limits
 
 import ipmclab
 import ipmclab.choosing.choice
@@ -151,7 +151,8 @@ def test_the_linear_algebra_of_a_choice_has_one_thread() -> None:
 
     run = record("friend-2", "step 1 V", 0, seconds=4.0)
     free = "circuit.dc_resistivity"
-    ipmclab.choose(run, "branches=1,2", actuator="friend-2", free=free, blocks=4, folds=2, progress=look)
+    with threadpool_limits(2, "blas"):
+        ipmclab.choose(run, "branches=1,2", actuator="friend-2", free=free, blocks=4, folds=2, progress=look)
     assert threads == {1}
 
 
