@@ -16,6 +16,7 @@ from ipmclab.fit.observation import Observation
 from ipmclab.fit.output_diagnosis import OutputDiagnosis
 from ipmclab.fit.practical import Practical
 from ipmclab.fit.profile import Profile
+from ipmclab.fit.row_marks import RowMarks
 from ipmclab.fit.run_state import RunState
 from ipmclab.model import Actuator, load_actuator, write_actuator
 from ipmclab.run import Finding
@@ -135,7 +136,8 @@ def _parameter(entry: Mapping[str, Any]) -> FittedParameter:
 def _observation(entry: Mapping[str, Any]) -> Observation:
     noise = {output: NoiseModel.from_table(table) for output, table in entry.get("noise_model", {}).items()}
     state = RunState.from_table(entry["state"]) if "state" in entry else None
-    return Observation(**{**entry, "noise_model": noise, "state": state})
+    marks = RowMarks.from_table(entry["marks"]) if "marks" in entry else None
+    return Observation(**{**entry, "noise_model": noise, "state": state, "marks": marks})
 
 
 def _correlations(table: Mapping[str, Any]) -> dict[str, dict[str, float]]:

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
+from ipmclab.fit.row_marks import RowMarks
 from ipmclab.fit.run_state import RunState
 from ipmclab.statespace.noise_model import NoiseModel
 
@@ -43,6 +44,8 @@ class Observation:
         The clamping of the strip; empty where the run does not say.
     state : RunState, optional
         Its water, its temperature and its dose, where the actuator has laws that follow them.
+    marks : RowMarks, optional
+        By what its rows are known again in another cut of the record; of a file of an earlier version None.
     """
 
     label: str
@@ -60,3 +63,4 @@ class Observation:
     noise_model: Mapping[str, NoiseModel] = field(default_factory=dict)
     mounting: str = ""
     state: RunState | None = None
+    marks: RowMarks | None = None

@@ -30,6 +30,8 @@ class RunValidation:
         where the hold is known, or no edge shows it.
     used_in_fit : bool
         Whether the actuator was identified from this very run.
+    rows_in_fit : pair of int or None
+        Of a run that shares rows with one of the fit, the first of them and the one after the last.
     """
 
     run: Run
@@ -40,6 +42,25 @@ class RunValidation:
     zeros: Mapping[str, float]
     delay: float | None
     used_in_fit: bool
+    rows_in_fit: tuple[int, int] | None = None
+
+    @property
+    def is_new(self) -> bool:
+        """Whether some of its rows were not given to the fit."""
+        return not self.used_in_fit and self.rows_in_fit != (0, len(self.run))
+
+    @property
+    def rows_in_words(self) -> str:
+        """Which of its rows were given to the fit."""
+        first, stop = self.rows_in_fit or (0, 0)
+        rows = f"{len(self.run):,}"
+        if first == 0:
+            return (
+                f"all {rows} rows of {self.label}"
+                if stop == len(self.run)
+                else (f"the first {stop:,} of the {rows} rows of {self.label}")
+            )
+        return f"rows {first:,} to {stop - 1:,} of the {rows} rows of {self.label}"
 
     def as_dict(self) -> dict[str, Any]:
         """The run as ``--json`` prints it."""
@@ -47,6 +68,7 @@ class RunValidation:
             "label": self.label,
             "content_sha256": self.run.content_sha256,
             "used_in_fit": self.used_in_fit,
+            "rows_in_fit": None if self.rows_in_fit is None else list(self.rows_in_fit),
             "delay": self.delay,
             "zeros": dict(self.zeros),
             "scores": {name: one.as_dict() for name, one in self.scores.items()},

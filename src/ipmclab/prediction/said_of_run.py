@@ -92,6 +92,17 @@ def said_of_run(one: RunValidation) -> list[Finding]:
                 repair="validate on a run that identify was not given",
             )
         )
+    elif one.rows_in_fit is not None:
+        first, stop = one.rows_in_fit
+        found.append(
+            Finding(
+                "rows-of-the-fit",
+                "info",
+                f"{one.rows_in_words} were given to the fit: there the scores show a fit, not a prediction",
+                repair="validate on a run that shares no row with one of the fit",
+                values={"first": first, "stop": stop},
+            )
+        )
     if one.run.hold == "unknown" and not (begins and one.delay is None):
         found.append(_told_delay(one))
     for name, zero in one.zeros.items():

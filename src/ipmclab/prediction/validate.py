@@ -14,6 +14,7 @@ from ipmclab.errors import InputError
 from ipmclab.fit.as_fitted import why_changed
 from ipmclab.fit.fit import Fit
 from ipmclab.fit.fit_file import fit_of
+from ipmclab.fit.row_marks import shared_rows
 from ipmclab.identification.problem.earlier_fit import fitted_runs, zeros_of_fit
 from ipmclab.identification.problem.free_run import edge_delay, predict, seen_from_sensor, sensor_zero
 from ipmclab.identification.problem.in_state import rates_of, strip_in_state
@@ -147,6 +148,7 @@ def validate(actuator: Actuator | Fit, runs: Sequence[Run] | Run, *, used: Itera
     known: dict[str, Mapping[str, Any]] = {sha256: {} for sha256 in used} | fitted_runs(actuator.fit_table)
     done: list[RunValidation] = []
     findings: list[Finding] = []
+    marks = [one.marks for one in fit.observations if one.marks is not None] if fit is not None else []
     if wrong is not None:
         said = f"{wrong.where}: {wrong.message}: there is no 95 % band"
         findings.append(Finding(wrong.code, "warning", said, wrong.repair))
@@ -157,6 +159,7 @@ def validate(actuator: Actuator | Fit, runs: Sequence[Run] | Run, *, used: Itera
         findings.append(Finding("changed-since-fit", "warning", said, repair))
     for place, (run, label) in enumerate(zip(given, labels, strict=True)):
         one = _validate_run(actuator, run, place, label, known.get(run.content_sha256), fit)
+        one = one if one.used_in_fit else replace(one, rows_in_fit=shared_rows(marks, run))
         done.append(one)
         findings += said_of_run(one)
         findings += [*own_mounting(fit, run, label), *another_mounting(fit, run, label)] if fit is not None else []

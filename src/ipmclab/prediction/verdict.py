@@ -60,7 +60,7 @@ def verdict_of(validation: Validation, percent: Callable[[float], str] = fit_in_
     From its voltage alone the model predicts 1 run that was not given to its fit: current with a fit of 99.1 %, \
 displacement with a fit of 99.0 % and force with a fit of 99.0 %.
     """
-    fresh = [one for one in validation.runs if not one.used_in_fit]
+    fresh = [one for one in validation.runs if one.is_new]
     guessed = any(one.code == NOT_IDENTIFIED for one in validation.findings)
     outputs = [name for name in validation.scores if name == "current" or not guessed]
     predicted, missed, sentences = {}, [], _said_by_itself(validation.actuator)
@@ -117,12 +117,21 @@ displacement with a fit of 99.0 % and force with a fit of 99.0 %.
             f"{_listed(beyond)} {_was(beyond)} recorded in an environment outside that of the fit: the scores are "
             "those of an extrapolation."
         )
-    used = [one.label for one in validation.runs if one.used_in_fit]
-    if used:
-        sentences.append(
-            f"{_listed(used)} {_was(used)} used to identify it: those scores show the fit, not a prediction."
-        )
+    sentences += _given_to_fit(validation.runs)
     return Verdict(predicted, tuple(missed), tuple(sentences))
+
+
+def _given_to_fit(runs: Sequence[RunValidation]) -> list[str]:
+    """Which runs, and which rows of others, the fit was given."""
+    parts = [one.rows_in_words for one in runs if one.rows_in_fit is not None]
+    said = [
+        f"{part[0].upper()}{part[1:]} were given to its fit: there the scores show the fit, not a prediction."
+        for part in parts
+    ]
+    used = [one.label for one in runs if one.used_in_fit]
+    if used:
+        said.append(f"{_listed(used)} {_was(used)} used to identify it: those scores show the fit, not a prediction.")
+    return said
 
 
 def _causes(fresh: Sequence[RunValidation], missed: Sequence[tuple[str, str, float]]) -> list[str]:
@@ -163,10 +172,8 @@ def _said_by_itself(actuator: Actuator) -> list[str]:
 
 
 def _new(runs: Sequence[RunValidation]) -> str:
-    # More is not known: runs are told apart by their content as a whole, and may share rows with one of the fit.
-    return (
-        f"{len(runs)} runs that were not given to its fit" if len(runs) > 1 else "1 run that was not given to its fit"
-    )
+    given = "given to its fit" + (" as a whole" if any(one.rows_in_fit is not None for one in runs) else "")
+    return f"{len(runs)} runs that were not {given}" if len(runs) > 1 else f"1 run that was not {given}"
 
 
 def _was(names: Sequence[str]) -> str:
