@@ -14,7 +14,6 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.confidence import NORMAL_95
 from ipmclab.fit.observation import Start
 from ipmclab.fit.run_state import RunState
 from ipmclab.model.numerics.drive import Drive
@@ -35,6 +34,7 @@ READ_OUTPUTS: Final = ("current", "displacement", "force")
 LONGEST_DELAY: Final = 3
 """Rows by which the edges of a foreign record are searched to lie early or late."""
 
+_SURELY: Final = 3.3  # standard errors, beyond which a value is rarer than 0.1 %
 _BEFORE_STEP: Final = {"offset-before-step": "offset", "drift-before-step": "drift"}
 """Findings of a record that call for an unknown of its observation."""
 
@@ -114,6 +114,20 @@ class Reading:
         return quantum_of(np.diff(self.measured))
 
 
+class AtRest(NamedTuple):
+    """The offset or the slope of the rows at 0 V, and its standard error [SI]."""
+
+    value: float
+    error: float
+
+    @classmethod
+    def of(cls, finding: Finding) -> AtRest:
+        """What the check says of it."""
+        kind = _BEFORE_STEP[finding.code]
+        value = finding.values["slope" if kind == "drift" else kind]
+        return cls(float(value or 0.0), float(finding.values["standard_error"] or 0.0))
+
+
 @dataclass(frozen=True, eq=False)
 class PreparedRun:
     """A run made ready for the fit."""
@@ -126,8 +140,8 @@ class PreparedRun:
     series_resistance: float
     unsettled: frozenset[tuple[str, str]] = frozenset()
     """What the sensors may add, such as ("offset", "force"): asked of the readings."""
-    shown: Mapping[tuple[str, str], float] = field(default_factory=dict)
-    """What of that the rows at 0 V show, by themselves, and how large it may be there [SI]: no fit has to ask again."""
+    shown: Mapping[tuple[str, str], AtRest] = field(default_factory=dict)
+    """What of that the rows at 0 V show by themselves: no fit has to ask again."""
     known_delay: float | None = None
     """What an earlier fit of this run found [s], where the circuit that goes with it stays fixed."""
     known_offset: Mapping[str, float] = field(default_factory=dict)
@@ -135,6 +149,17 @@ class PreparedRun:
     """What an earlier fit found for the sensors that are not read here."""
     state: RunState | None = None
     """Water, temperature and dose, where the actuator has laws that it follows."""
+
+    def sensor_within(self, what: str, output: str) -> tuple[float, float]:
+        """Between what values the offset or the drift of a sensor lies that rows at 0 V show [SI].
+
+        Of rows in which the strip moves too, their slope is one of both: the sensor's may have either sign, and is no
+        larger.
+        """
+        value, error = self.shown[what, output]
+        low, high = value - _SURELY * error, value + _SURELY * error
+        largest = max(abs(low), abs(high))
+        return (-largest, largest) if self.start == "free" else (low, high)
 
     @property
     def period(self) -> float:
@@ -222,7 +247,7 @@ def prepare(
     if run.metadata.origin == "simulated":
         unsettled = set()
     shown = {
-        (_BEFORE_STEP[finding.code], str(finding.channel)): _largest(finding)
+        (_BEFORE_STEP[finding.code], str(finding.channel)): AtRest.of(finding)
         for finding in findings
         if finding.code in _BEFORE_STEP and finding.channel in readings
     }
@@ -236,12 +261,6 @@ def prepare(
         frozenset(unsettled | shown.keys()),
         shown,
     )
-
-
-def _largest(finding: Finding) -> float:
-    """The size of an offset or a drift that rows at 0 V show, as large as its standard error allows."""
-    shown = float(finding.values[{"offset": "offset", "drift": "slope"}[_BEFORE_STEP[finding.code]]] or 0.0)
-    return abs(shown) + NORMAL_95 * float(finding.values["standard_error"] or 0.0)
 
 
 def _with_effective_voltage(run: Run, findings: Sequence[Finding]) -> Run:

@@ -140,6 +140,7 @@ _FAR: Final = 100.0  # Nyquist rates
 FARTHEST: Final = 6.0
 """Standard uncertainties within which a number is sought that is free merely because it is uncertain."""
 
+_RECTANGLE: Final = 12.0**0.5  # width of a rectangular distribution, in its standard deviations
 _ALIKE: Final = 1e-9  # of a variance, that is left of it beside others: rounding of a covariance leaves no less
 
 
@@ -285,10 +286,12 @@ def _of_sensors(free: FreeParameters, records: Sequence[PreparedRun]) -> list[Un
                     lower=-math.inf,
                     upper=math.inf,
                 )
-                largest = record.shown.get((what, output), math.inf)
-                if what == "drift" and record.start == "free" and math.isfinite(largest):
-                    # The strip itself moves in these rows too: its sensor drifts by no more than they do.
-                    own = own.known(0.0, largest / math.sqrt(3.0))
+                if what == "drift" and base not in free.observation and (what, output) in record.shown:
+                    # A line through a whole record follows whatever the model lacks: its rows at 0 V hold it.
+                    low, high = record.sensor_within(what, output)
+                    own = replace(own, lower=low, upper=high)
+                    if record.start == "free":
+                        own = own.known(0.5 * (low + high), (high - low) / _RECTANGLE)
                 found.append(own)
     return found
 

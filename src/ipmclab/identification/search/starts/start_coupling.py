@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Final
@@ -49,8 +49,8 @@ def coupling_starts(
     separate = stiffness_is_free and bool(moving.series) and bool(pressing.series)
     if slow["displacement"] == slow["force"] == 0:
         every = moving if separate else seen
-        found = _from(every, _worth_it(all_minima(every.series, 2, sensors(every))))
-        stiffness = _stiffness(all_minima(moving.series, 2, sensors(moving))[0], pressing.series) if separate else 1.0
+        found = _from(every, _worth_it(_minima(every, 2)))
+        stiffness = _stiffness(_minima(moving, 2)[0], pressing.series) if separate else 1.0
         return [_named(start) | _modulus(actuator, stiffness, separate) for start in found]
     starts = []
     for of, other in ((moving, pressing), (pressing, moving)):
@@ -75,7 +75,7 @@ def _worth_it(minima: Sequence[PoleFit]) -> list[PoleFit]:
 
 def _with_slow_modes(actuator: Actuator, of: MotionSeries, slow: int) -> Iterator[tuple[_Start, dict[str, float]]]:
     """Starts of d(s) with the slow modes of one output, those with complex poles first where they explain as much."""
-    real = all_minima(of.series, 2 + slow, sensors(of))[:_MINIMA]
+    real = _minima(of, 2 + slow)[:_MINIMA]
     if slow == 2 and f"relaxation.{of.output}_pair.0.ratio" in actuator.parameter_values:
         turning = search_turning(of.series, sensors(of))
         # The cost of poles that have met is what rounding leaves of it.
@@ -187,16 +187,59 @@ def _beside(
     return stiffness, slow_modes(found.poles, found.residues, stiffness * start.level / start.p2)
 
 
-def sensors(seen: MotionSeries) -> FloatArray:
-    """What sensors add: a constant for each series, for a zero is arbitrary, and a slope where the record shows one."""
+def _minima(seen: MotionSeries, count: int) -> list[PoleFit]:
+    """Every different minimum of so many poles, no sensor drifting by more than its rows at 0 V allow."""
+    found = all_minima(seen.series, count, sensors(seen))
+    held = dict(_beyond(seen, found[0].common))
+    if not held:
+        return found
+    series = [
+        replace(run, readings=run.readings - held[k] * run.time) if k in held else run
+        for k, run in enumerate(seen.series)
+    ]
+    return all_minima(series, count, sensors(seen, without=held))
+
+
+def _beyond(seen: MotionSeries, common: FloatArray) -> Iterator[tuple[int, float]]:
+    """The series whose slope is none that its rows at 0 V allow, and the nearest one that is."""
+    column = 0
+    for k, (run, (record, output)) in enumerate(zip(seen.series, seen.labels, strict=True)):
+        column += 1
+        if not _may_drift(record, output):
+            continue
+        slope = float(common[column]) / float(run.time[-1])
+        column += 1
+        if ("drift", output) in record.shown:
+            low, high = np.array(record.sensor_within("drift", output)) / seen.scales[k]
+            if not low <= slope <= high:
+                yield k, float(np.clip(slope, low, high))
+
+
+def _may_drift(record: PreparedRun, output: str) -> bool:
+    return ("drift", output) in record.unsettled
+
+
+def sensors(seen: MotionSeries, *, without: Container[int] = ()) -> FloatArray:
+    """What sensors add: a constant for each series, for a zero is arbitrary, and a slope where the record shows one.
+
+    Parameters
+    ----------
+    seen : MotionSeries
+    without : container of int
+        Series whose slope is known.
+
+    Returns
+    -------
+    columns : float array, shape (n_column, n_total)
+    """
     series, labels = seen.series, seen.labels
     total = sum(len(run.time) for run in series)
     columns = []
     begin = 0
-    for run, (record, output) in zip(series, labels, strict=True):
+    for k, (run, (record, output)) in enumerate(zip(series, labels, strict=True)):
         end = begin + len(run.time)
         shapes = [np.ones(len(run.time))]
-        if ("drift", output) in record.unsettled:
+        if _may_drift(record, output) and k not in without:
             shapes.append(run.time / run.time[-1])
         for shape in shapes:
             column = np.zeros(total)
@@ -220,15 +263,18 @@ def _stiffness(found: PoleFit, pressing: Sequence[SearchedRun]) -> float:
 
 @dataclass(frozen=True)
 class MotionSeries:
-    """Displacement and force over their static factors, driven by the node voltage; which run and output each is."""
+    """Displacement and force over their static factors, driven by the node voltage; which run and output each is, and
+    the factors."""
 
     series: Sequence[SearchedRun]
     labels: Sequence[tuple[PreparedRun, str]]
+    scales: Sequence[float]
 
     def of(self, output: str) -> MotionSeries:
         """Those of one output."""
         chosen = [place for place, (_, name) in enumerate(self.labels) if name == output]
-        return MotionSeries([self.series[k] for k in chosen], [self.labels[k] for k in chosen])
+        series, labels, scales = self.series, self.labels, self.scales
+        return MotionSeries([series[k] for k in chosen], [labels[k] for k in chosen], [scales[k] for k in chosen])
 
     @property
     def output(self) -> str:
@@ -257,6 +303,7 @@ def motion_series(
     }
     found: list[SearchedRun] = []
     labels: list[tuple[PreparedRun, str]] = []
+    factors: list[float] = []
     for record in records:
         wanted = [output for output in scales if output in record.readings]
         if not wanted:
@@ -286,4 +333,5 @@ def motion_series(
                 )
             )
             labels.append((record, output))
-    return MotionSeries(found, labels)
+            factors.append(scale)
+    return MotionSeries(found, labels, factors)
