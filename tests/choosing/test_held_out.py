@@ -7,9 +7,12 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from ipmclab.choosing.blocks import run_blocks, time_blocks
-from ipmclab.choosing.held_out import Division, Fold, score_blocks
+from ipmclab.choosing.held_out import Division, Fold, hold_out, score_blocks
 from ipmclab.choosing.noise import FadingNoise, Part
 from ipmclab.identification.problem.record import as_read, prepare
+from ipmclab.identification.uncertainty import interval
+from ipmclab.model import load_actuator
+from ipmclab.model.simulate import simulate
 from ipmclab.run import Run
 
 SEED, ROWS = 20261121, 90
@@ -100,6 +103,27 @@ def test_parameters_that_are_not_known_widen_the_prediction() -> None:
     off = fold.slopes[key] @ np.linalg.cholesky(covariance)
     wanted = dense(divided, key, np.arange(ROWS), fold.residuals[key].residual, off)
     assert found.score[mine].sum() == pytest.approx(wanted, rel=1e-6)
+
+
+@pytest.mark.parametrize("whole_runs", [False, True])
+def test_profiles_are_followed_only_where_somebody_reads_them(
+    whole_runs: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whether a run alone determines a stage is asked of whole runs; they were half of the time of every choice."""
+    strip, walked = load_actuator("friend-2"), []
+    walk = interval.Walk
+    monkeypatch.setattr(interval, "Walk", lambda *given, **named: walked.append(1) or walk(*given, **named))
+    generator = np.random.default_rng(SEED)
+    runs = []
+    for signal in ("step 1 V delay=1 s", "square 1 V 0.2 Hz"):
+        clean = simulate(strip, signal, duration=10.0, rate=25.0)
+        current = clean.current + 1e-3 * generator.standard_normal(len(clean))
+        runs.append(Run.from_arrays(time=clean.time, voltage=clean.voltage, current=current))
+    records = [prepare(run, place, ["current"], []) for place, run in enumerate(runs)]
+    cut = run_blocks if whole_runs else time_blocks
+    divided = Division(records, cut(records, 8, 2), [(0, "current"), (1, "current")], whole_runs)
+    hold_out(strip, runs, divided, ["electrical"], [], 0)
+    assert bool(walked) is whole_runs
 
 
 def test_what_is_held_out_is_hidden_and_its_voltage_is_not() -> None:

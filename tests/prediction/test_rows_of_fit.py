@@ -106,7 +106,9 @@ def test_other_records_and_the_very_run_are_told_as_before(whole: Run) -> None:
 
 
 def test_a_fit_file_of_an_earlier_version_has_no_marks(whole: Run, tmp_path: Path) -> None:
-    write_fit(identify(STRIP, whole, free="circuit.dc_resistivity"), tmp_path / "older.toml")
+    fit = fitted(whole)
+    (one,) = fit.observations
+    write_fit(changed(fit, observations=(replace(one, marks=None),)), tmp_path / "older.toml")
     assert "marks" not in (tmp_path / "older.toml").read_text("utf-8")
     older = read_fit(tmp_path / "older.toml")
     assert older.observations[0].marks is None

@@ -17,6 +17,7 @@ from ipmclab.choosing.spread import directions, slopes
 from ipmclab.errors import IpmclabError
 from ipmclab.fit.fit import Fit
 from ipmclab.identification.identify import identify_part
+from ipmclab.identification.problem.free import parse_free
 from ipmclab.identification.problem.record import PreparedRun, as_read
 from ipmclab.model import Actuator
 from ipmclab.prediction.fitted import fitted_outputs
@@ -141,9 +142,9 @@ def hold_out(
     part = identify_part(
         actuator,
         [as_read(division.records[place], held[place]) for place in kept],
-        free=free,
-        per_run=per_run,
-        labels=[division.records[place].label for place in kept],
+        parse_free(actuator.parameter_values, free, per_run, ()),
+        [division.records[place].label for place in kept],
+        followed=division.whole_runs,  # what one run alone determines is asked; of blocks nobody reads an interval
     )
     left: dict[Key, ResidualSeries] = {}
     moved: dict[Key, FloatArray] = {}

@@ -7,9 +7,8 @@ from dataclasses import replace
 from typing import Any
 
 from ipmclab.fit.fit import Fit
-from ipmclab.fit.row_marks import RowMarks
 from ipmclab.fit.tables import in_toml
-from ipmclab.run import Finding, Run
+from ipmclab.run import Finding
 
 
 def fit_to_table(fit: Fit) -> dict[str, Any]:
@@ -47,12 +46,6 @@ def changed(fit: Fit, **changes: Any) -> Fit:
     """A fit with some changes, which the table in its actuator follows."""
     other = replace(fit, **changes)
     return replace(other, actuator=replace(other.actuator, fit_table=fit_to_table(other)))
-
-
-def with_marks(fit: Fit, runs: Sequence[Run]) -> Fit:
-    """A fit that knows the rows of its runs again, in whatever cut; ``runs`` in the order of the fit."""
-    pairs = zip(fit.observations, runs, strict=True)
-    return changed(fit, observations=tuple(replace(one, marks=RowMarks.of(run)) for one, run in pairs))
 
 
 def with_findings(fit: Fit, more: Sequence[Finding]) -> Fit:

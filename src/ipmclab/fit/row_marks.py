@@ -52,11 +52,15 @@ class RowMarks(Tabled):
         for channel in (name for name in _CHANNELS if name in run.channels):
             values = run.channels[channel]
             last = len(values) - _TOGETHER
-            even = np.linspace(0, last, min(_MARKS, 1 + last // _TOGETHER)).astype(int).tolist() if last >= 0 else []
-            at = [row for row in dict.fromkeys(even) if _is_telling(values[row : row + _TOGETHER])]
+            if last < 0:
+                return None
+            at = np.unique(np.linspace(0, last, min(_MARKS, 1 + last // _TOGETHER)).astype(np.intp))
+            marked = values[np.add.outer(at, np.arange(_TOGETHER))]
+            levels = 1 + np.count_nonzero(np.diff(np.sort(marked, axis=1), axis=1) > 0.0, axis=1)  # NaN comes last
+            at, marked = at[levels >= _LEVELS], marked[levels >= _LEVELS]
             if len(at) >= _FEWEST:
-                checks = _checks(values)
-                return cls(channel, len(values), tuple(at), tuple(f"{checks[row]:016x}" for row in at))
+                checks = tuple(f"{check:016x}" for check in _checks(marked.T)[0].tolist())
+                return cls(channel, len(values), tuple(at.tolist()), checks)
         return None
 
     @classmethod
@@ -90,17 +94,13 @@ def shared_rows(marks: Iterable[RowMarks], run: Run) -> tuple[int, int] | None:
     return max(found, key=lambda rows: rows[1] - rows[0], default=None)
 
 
-def _is_telling(values: npt.NDArray[np.float64]) -> bool:
-    return len(np.unique(values[np.isfinite(values)])) >= _LEVELS
-
-
 def _checks(values: npt.NDArray[np.float64]) -> npt.NDArray[np.uint64]:
-    """A check of the readings from each row on, shape (n_time - 63,), or empty."""
-    bits = (np.asarray(values, dtype=np.float64) + 0.0).view(np.uint64)  # no minus zero
+    """A check of the readings from each row on, shape (n_time - 63, ...), or empty."""
+    bits = np.ascontiguousarray(values + 0.0, dtype=np.float64).view(np.uint64)  # no minus zero
     mixed = (bits ^ (bits >> np.uint64(32))) * _ODD
     mixed ^= mixed >> np.uint64(29)
     count = max(len(values) - _TOGETHER + 1, 0)
-    found = np.zeros(count, dtype=np.uint64)
+    found = np.zeros_like(mixed[:count])
     for place in range(_TOGETHER if count else 0):
         found = found * _ODD + mixed[place : place + count]
     return found

@@ -63,8 +63,10 @@ def build_fit(
     result: Estimate,
     findings: tuple[Finding, ...],
     diagnoses: tuple[OutputDiagnosis, ...] = (),
+    *,
+    followed: bool = True,
 ) -> Fit:
-    """Errors, intervals, correlations, diagnosis and the fitted actuator."""
+    """Errors, intervals (bent ones ``followed`` along profiles), correlations, diagnosis and the fitted actuator."""
     problem, solution = result.problem, result.solution
     parameters = result.parameters
     free = {unknown.base for unknown in problem.unknowns}
@@ -82,7 +84,16 @@ def build_fit(
     model = Actuator(actuator.name, reference)
     open_edges = edges_are_open(asked, found)
     alone = [
-        interval_of(result.correlated, unknown, place, found, number, float(relative[number]), open_edges=open_edges)
+        interval_of(
+            result.correlated,
+            unknown,
+            place,
+            found,
+            number,
+            float(relative[number]),
+            open_edges=open_edges,
+            followed=followed,
+        )
         for number, (place, unknown) in enumerate(problem.asked)
     ]
     points = _points(result, found, rivals, stated, exact, [end for one in alone for end in one.ends])

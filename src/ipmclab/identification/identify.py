@@ -121,11 +121,10 @@ def identify(
 
 
 def identify_part(
-    actuator: Actuator, runs: Sequence[Run], *, free: Iterable[str], per_run: Iterable[str], labels: Sequence[str]
+    actuator: Actuator, runs: Sequence[Run], names: FreeParameters, labels: Sequence[str], *, followed: bool
 ) -> Fit:
-    """What ``identify`` finds, but for the stages that the model lacks: of a part of some runs nobody asks these."""
-    names = parse_free(actuator.parameter_values, free, per_run, ())
-    return identify_freed(actuator, runs, names, labels, diagnosed=False)
+    """What ``identify`` finds of a part of some runs, but for what the model lacks; profiles where ``followed``."""
+    return identify_freed(actuator, runs, names, labels, diagnosed=False, followed=followed)
 
 
 @on_one_thread
@@ -136,13 +135,14 @@ def identify_freed(
     labels: Sequence[str] | None,
     *,
     diagnosed: bool = True,
+    followed: bool = True,
 ) -> Fit:
     """What ``identify`` does when it is settled what is free, and what of it is known beforehand."""
 
     def of_these(places: Sequence[int], *, asked: bool = False) -> Fit:
         own = None if labels is None else [labels[place] for place in places]
         these = [given[place] for place in places]
-        return _identify(actuator, these, names, own, diagnosed=asked and diagnosed)
+        return _identify(actuator, these, names, own, diagnosed=asked and diagnosed, followed=followed)
 
     every = range(len(given))
     if len(places_of_mountings(enumerate(given))) < 2:
@@ -162,6 +162,7 @@ def _identify(
     labels: Sequence[str] | None,
     *,
     diagnosed: bool,
+    followed: bool,
 ) -> Fit:
     stage("reading the runs", 0.0, 0.05)
     outputs = outputs_of_fit(names)
@@ -211,7 +212,7 @@ def _identify(
         *result.findings,
         *lacking,
     )
-    fit = build_fit(actuator, given, result, told, diagnoses)
+    fit = build_fit(actuator, given, result, told, diagnoses, followed=followed)
     beyond = [*beyond_findings(fit, records), *environment_findings(actuator, given, fit, result)]
     if names.priors:
         order = Order(result.problem.in_reference(result.solution.theta, result.problem.records[0].place))

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.fit.observation import Observation
+from ipmclab.fit.row_marks import RowMarks
 from ipmclab.fit.run_state import RunState
 from ipmclab.identification.noise.correlate import Correlated
 from ipmclab.identification.problem.order import Order
@@ -59,6 +60,7 @@ def observation(
         noise_model={output: model for (at, output), model in correlated.noise.items() if at == place},
         mounting=record.run.metadata.mounting_id or "",
         state=_state(record, problem, theta),
+        marks=RowMarks.of(run),
     )
 
 

@@ -347,7 +347,7 @@ def _validation_part(validations: Sequence[Validation]) -> dict[str, Any] | None
         "figures": pictures,
         "lags": LAGS,
         "banded": any(score.inside_band is not None for one in validations for score in one.scores.values()),
-        "unseen": not any(one.used_in_fit for one in validations[0].runs),
+        "unseen": not any(one.used_in_fit or one.rows_in_fit for one in validations[0].runs),
         "findings": _findings_of_each(names, validations),
     }
 

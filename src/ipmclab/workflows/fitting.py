@@ -11,7 +11,7 @@ from typing import Final, Required, TypedDict, Unpack
 from ipmclab.consistency.of_fit import units_off
 from ipmclab.errors import InputError
 from ipmclab.fit.fit import Fit
-from ipmclab.fit.fit_table import with_findings, with_marks
+from ipmclab.fit.fit_table import with_findings
 from ipmclab.identification.identify import identify, outputs_of_fit
 from ipmclab.identification.problem.free import parse_free
 from ipmclab.model import Actuator
@@ -44,7 +44,7 @@ def fit_of_runs(
     progress: Tell | None = None,
     **asked: Unpack[Asked],
 ) -> Fit:
-    """Identify, mark the rows, follow the profile of every parameter, and leave out each run where there are several.
+    """Identify, follow the profile of every parameter, and leave out each run where there are several.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ def fit_of_runs(
         _refuse_wrong_units(actuator, runs, asked)
     with telling(progress):
         with part("", 0.0, 0.8):
-            fit = with_marks(identify(actuator, runs, **asked), runs)
+            fit = identify(actuator, runs, **asked)
         if not thorough and _is_costly(actuator, runs):
             return with_findings(fit, [_not_followed("because each run of the model takes long")])
         with part("", 0.8, 0.9):
