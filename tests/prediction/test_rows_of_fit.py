@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ipmclab import Fit, Run, identify, load_actuator, read_fit, simulate, validate, write_fit
+from ipmclab import Fit, Run, load_actuator, read_fit, simulate, validate, write_fit
 from ipmclab.fit.fit_table import changed
 from ipmclab.fit.row_marks import RowMarks
 from ipmclab.prediction.verdict import verdict_of

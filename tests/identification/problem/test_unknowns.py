@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from ipmclab import Run, check, load_actuator
-from ipmclab.confidence import NORMAL_95
 from ipmclab.identification.problem.free import parse_free
 from ipmclab.identification.problem.record import PreparedRun, prepare
 from ipmclab.identification.problem.unknowns import Unknown, unknowns_of
@@ -37,16 +36,27 @@ def drift_of(record: PreparedRun) -> Unknown:
 def test_a_sensor_drifts_no_more_than_a_strip_that_was_not_at_rest_moves() -> None:
     """Beside a starting state of any size nothing else would bound it: it took 60 mm of a record of 3 mm."""
     record = creeping()
-    assert drift_of(record).prior is None  # from rest the rows at 0 V show the sensor alone
-    drift = drift_of(replace(record, start="free"))
-    assert drift.prior is not None
-    centre, deviation = drift.prior
-    error = record.shown["drift", "displacement"] - SLOPE
-    assert centre == 0.0
-    assert deviation * drift.scale == pytest.approx((SLOPE + error) / np.sqrt(3.0))
+    slope, error = record.shown["drift", "displacement"]
     # Least squares of a line through some 120 rows over 4.8 s.
-    assert 0.0 < error < 6.0 * NORMAL_95 * 1e-6 / (4.8 * np.sqrt(120.0 / 12.0))
-    assert drift.beforehand is None  # no prior of the user's
+    assert 0.0 < error < 6.0 * 1e-6 / (4.8 * np.sqrt(120.0 / 12.0))
+    assert slope == pytest.approx(SLOPE, abs=4.0 * error)
+    sensor = drift_of(record)
+    assert sensor.prior is None  # from rest the rows at 0 V show the sensor alone, and they are fitted
+    assert (sensor.lower, sensor.upper) == pytest.approx((slope - 3.3 * error, slope + 3.3 * error))
+    both = drift_of(replace(record, start="free"))
+    largest = slope + 3.3 * error
+    assert (both.lower, both.upper) == pytest.approx((-largest, largest))
+    assert both.prior is not None
+    centre, deviation = both.prior
+    assert centre == 0.0
+    assert deviation * both.scale == pytest.approx(largest / np.sqrt(3.0))  # of a rectangle
+    assert both.beforehand is None  # no prior of the user's
+
+
+def test_a_slope_that_was_freed_by_name_is_not_held() -> None:
+    names = parse_free(STRIP.parameter_values, "relaxation,observation.drift.displacement")
+    (drift,) = [u for u in unknowns_of(names, STRIP.parameters(), [creeping()]) if ".drift." in u.base]
+    assert (drift.lower, drift.upper) == (-np.inf, np.inf)
 
 
 def test_a_start_beyond_what_a_parameter_may_be_is_none() -> None:

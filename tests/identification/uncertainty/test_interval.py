@@ -17,6 +17,7 @@ from ipmclab.identification.problem.unknowns import Unknown, actuator_unknown
 from ipmclab.identification.search.solve import Solution
 from ipmclab.identification.search.valleys import Rival
 from ipmclab.identification.uncertainty import covariance as covariance_of
+from ipmclab.identification.uncertainty import profile
 from ipmclab.identification.uncertainty.covariance import Uncertainty
 from ipmclab.identification.uncertainty.interval import (
     Interval,
@@ -274,3 +275,28 @@ def test_what_went_to_its_bound_comes_back_as_far_as_the_readings_allow(seed: in
     # What is known of the charge holds what that fit has for it.
     charge, there = ({q.name: q for q in one.known}["circuit.capacitance"] for one in (fit, at_end))
     assert charge.interval[0] <= there.value * (1 + 1e-4)  # a walk ends within some hundredths of its height
+
+
+@pytest.mark.parametrize(("found_up_to", "height", "away"), [(10.0, 3.0, 3.0), (4.0, 3.0, 3.0), (2.0, 3.0, math.inf)])
+def test_no_interval_ends_where_the_others_have_not_found_their_minimum(
+    found_up_to: float, height: float, away: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A profile whose height is the distance; beyond some distance a search ends far above it, as where poles meet."""
+    problem = Gain(1.0, 0.1)
+    asked: list[float] = []
+
+    def held(*given: Any) -> profile.Point:
+        entry = float(given[3])
+        asked.append(entry)
+        is_found = entry <= found_up_to
+        theta = np.array([entry, 0.0])
+        return profile.Point(entry, entry if is_found else 1e4, theta, problem.evaluate(theta), is_found)
+
+    monkeypatch.setattr(profile, "held_at", held)
+    monkeypatch.setattr(profile, "_pull", lambda _, point, __: 2.0 * point.height)
+    start = np.zeros(2)
+    solution = Solution(start, problem.evaluate(start), True, "", 1)
+    walk = Walk(cast("Any", problem), solution, 0, 1.0)
+    assert walk.distance(height) == pytest.approx(away, rel=0.02)
+    assert max(asked) >= min(found_up_to, height)
+    assert walk.crossed(1.0) == pytest.approx(1.0, rel=0.02)  # what was found before stands
