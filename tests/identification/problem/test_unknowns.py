@@ -41,8 +41,8 @@ def test_a_sensor_drifts_no_more_than_a_strip_that_was_not_at_rest_moves() -> No
     assert 0.0 < error < 6.0 * 1e-6 / (4.8 * np.sqrt(120.0 / 12.0))
     assert slope == pytest.approx(SLOPE, abs=4.0 * error)
     sensor = drift_of(record)
-    assert sensor.prior is None  # from rest the rows at 0 V show the sensor alone, and they are fitted
-    assert (sensor.lower, sensor.upper) == pytest.approx((slope - 3.3 * error, slope + 3.3 * error))
+    # From rest the rows at 0 V show the sensor alone, and they are fitted.
+    assert (sensor.prior, sensor.lower, sensor.upper) == (None, -np.inf, np.inf)
     both = drift_of(replace(record, start="free"))
     largest = slope + 3.3 * error
     assert (both.lower, both.upper) == pytest.approx((-largest, largest))
@@ -55,7 +55,9 @@ def test_a_sensor_drifts_no_more_than_a_strip_that_was_not_at_rest_moves() -> No
 
 def test_a_slope_that_was_freed_by_name_is_not_held() -> None:
     names = parse_free(STRIP.parameter_values, "relaxation,observation.drift.displacement")
-    (drift,) = [u for u in unknowns_of(names, STRIP.parameters(), [creeping()]) if ".drift." in u.base]
+    (drift,) = [
+        u for u in unknowns_of(names, STRIP.parameters(), [replace(creeping(), start="free")]) if ".drift." in u.base
+    ]
     assert (drift.lower, drift.upper) == (-np.inf, np.inf)
 
 

@@ -96,6 +96,23 @@ def slope_at_rest(record: PreparedRun, output: str, noise: Shape, unit: float) -
     return SlopeAtRest(slope, math.sqrt(variance), (columns @ inner)[:, 1] / half)
 
 
+def slope_inflation(time: FloatArray, step: float, noise: Shape) -> float:
+    """How many times the variance of a slope is, under some noise, what white noise of the same size would make it.
+
+    Parameters
+    ----------
+    time : float array, shape (n,) [s]
+    step : float [s]
+        Between rows.
+    noise : Shape
+        In units of the noise of a row.
+    """
+    columns = constants(time)
+    inner = np.linalg.inv(columns.T @ columns)
+    found = float(spread_by(columns @ inner, steps_between(time, step), noise)[1, 1])
+    return max(found / float(inner[1, 1]), 1.0)
+
+
 def left_at_rest(record: PreparedRun, output: str, left: FloatArray, unit: float) -> FloatArray:
     """What a fit leaves of the readings at 0 V, contacts that were touched aside; shape (n_resting,).
 

@@ -3,7 +3,9 @@
 A reading is model + N c + noise, where the columns of N are 1 and time, and c is the zero and the slope of the sensor.
 For given parameters the best c is linear in the residual, so it is projected out. Rows at 0 V, before the strip is
 driven, show the sensor alone: their slope, with its standard error, is known beforehand. With P the precision of what
-is known, minus twice the log density of the best c is r' T^2 r with T^2 = I - N (N'N + P)^-1 N'.
+is known, minus twice the log density of the best c is r' T^2 r with T^2 = I - N (N'N + P)^-1 N'. Least squares count
+each row as one, which what is left of them is not: of a slope they say as many times less as its variance is larger
+under the noise that was found, and P is multiplied by that. Else what a model lacks outweighs what was known.
 """
 
 from __future__ import annotations
@@ -17,7 +19,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.identification.noise.at_rest import SlopeAtRest, slope_at_rest
+from ipmclab.identification.noise.at_rest import SlopeAtRest, slope_at_rest, slope_inflation
 from ipmclab.identification.noise.whitening import Changed
 from ipmclab.identification.problem.problem import Evaluation, Noise, Problem
 from ipmclab.identification.problem.record import PreparedRun
@@ -50,6 +52,9 @@ class Zero:
         The slope that the rows at 0 V have.
     most : float [SI]
         Standard deviation of the zero, where something is known of it beforehand; else infinite.
+    inflation : float
+        By how many times less its rows say of the slope, beside what is known beforehand, than as many rows of white
+        noise would.
     """
 
     terms: Terms
@@ -59,6 +64,7 @@ class Zero:
     half: float
     rest: SlopeAtRest
     most: float = math.inf
+    inflation: float = 1.0
 
     @classmethod
     def of(cls, record: PreparedRun, output: str, terms: Terms, noise: Shape, unit: float) -> Zero:
@@ -75,7 +81,8 @@ class Zero:
             if largest > 0.0 and half > 0.0:  # readings that are all 0 bound nothing
                 most = LARGEST_ZERO * largest
                 rest = rest._replace(error=min(rest.error, most / half))
-        return cls(terms, constants(time)[:, terms.held], inside, middle, half, rest, most)
+        inflation = slope_inflation(time, record.step, noise) if terms.trend else 1.0
+        return cls(terms, constants(time)[:, terms.held], inside, middle, half, rest, most, inflation)
 
     def on(self, record: PreparedRun, output: str) -> Zero:
         """The same beside means of the rows."""
@@ -90,12 +97,15 @@ class Zero:
         """In units of the noise of the rows."""
         known = [(0.0, self.most)] if self.terms.offset else []
         known += [(self.rest.slope * self.half, self.rest.error * self.half)] if self.terms.trend else []
-        precision = np.array([(sigma / error) ** 2 for _, error in known])
+        errors = np.array([error / sigma for _, error in known])
+        precision = errors**-2.0
+        if self.terms.trend:
+            precision[-1] *= self.inflation
         centre = np.array([middle / sigma for middle, _ in known])
         by_rows = np.zeros_like(self.columns)
         if self.terms.trend:
             by_rows[: len(self.rest.weights), -1] = self.rest.weights * self.half
-        return Projection.of(self.columns, precision, centre, by_rows)
+        return Projection.of(self.columns, precision, centre, np.where(np.isfinite(errors), errors, 0.0), by_rows)
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,11 +142,12 @@ class Projection:
     by_rows: FloatArray
 
     @classmethod
-    def of(cls, columns: FloatArray, precision: FloatArray, centre: FloatArray, by_rows: FloatArray) -> Projection:
+    def of(
+        cls, columns: FloatArray, precision: FloatArray, centre: FloatArray, known: FloatArray, by_rows: FloatArray
+    ) -> Projection:
         inner = np.linalg.inv(columns.T @ columns + np.diag(precision))
         orthonormal, triangle = np.linalg.qr(columns)
         share, turn = np.linalg.eigh(triangle @ inner @ triangle.T)
-        known = np.where(precision > 0.0, 1.0 / np.sqrt(np.where(precision > 0.0, precision, 1.0)), 0.0)
         return cls(
             orthonormal @ turn,
             np.sqrt(np.clip(1.0 - share, 0.0, 1.0)),

@@ -150,16 +150,16 @@ class PreparedRun:
     state: RunState | None = None
     """Water, temperature and dose, where the actuator has laws that it follows."""
 
-    def sensor_within(self, what: str, output: str) -> tuple[float, float]:
-        """Between what values the offset or the drift of a sensor lies that rows at 0 V show [SI].
+    def largest_drift(self, output: str) -> float:
+        """By how much a sensor drifts at most, where the strip moves in the rows at 0 V that show a slope [SI/s].
 
-        Of rows in which the strip moves too, their slope is one of both: the sensor's may have either sign, and is no
-        larger.
+        Where it does not, these rows show the sensor alone and hold it by themselves: nothing more is known, and the
+        answer is infinite.
         """
-        value, error = self.shown[what, output]
-        low, high = value - _SURELY * error, value + _SURELY * error
-        largest = max(abs(low), abs(high))
-        return (-largest, largest) if self.start == "free" else (low, high)
+        if self.start != "free" or ("drift", output) not in self.shown:
+            return math.inf
+        slope, error = self.shown["drift", output]
+        return abs(slope) + _SURELY * error
 
     @property
     def period(self) -> float:

@@ -140,7 +140,6 @@ _FAR: Final = 100.0  # Nyquist rates
 FARTHEST: Final = 6.0
 """Standard uncertainties within which a number is sought that is free merely because it is uncertain."""
 
-_RECTANGLE: Final = 12.0**0.5  # width of a rectangular distribution, in its standard deviations
 _ALIKE: Final = 1e-9  # of a variance, that is left of it beside others: rounding of a covariance leaves no less
 
 
@@ -286,12 +285,10 @@ def _of_sensors(free: FreeParameters, records: Sequence[PreparedRun]) -> list[Un
                     lower=-math.inf,
                     upper=math.inf,
                 )
-                if what == "drift" and base not in free.observation and (what, output) in record.shown:
-                    # A line through a whole record follows whatever the model lacks: its rows at 0 V hold it.
-                    low, high = record.sensor_within(what, output)
-                    own = replace(own, lower=low, upper=high)
-                    if record.start == "free":
-                        own = own.known(0.5 * (low + high), (high - low) / _RECTANGLE)
+                largest = record.largest_drift(output) if what == "drift" else math.inf
+                if math.isfinite(largest) and base not in free.observation:
+                    # A slope and a slow start of the strip cancel each other to any size.
+                    own = replace(own, lower=-largest, upper=largest).known(0.0, largest / math.sqrt(3.0))
                 found.append(own)
     return found
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
@@ -209,10 +210,9 @@ def _beyond(seen: MotionSeries, common: FloatArray) -> Iterator[tuple[int, float
             continue
         slope = float(common[column]) / float(run.time[-1])
         column += 1
-        if ("drift", output) in record.shown:
-            low, high = np.array(record.sensor_within("drift", output)) / seen.scales[k]
-            if not low <= slope <= high:
-                yield k, float(np.clip(slope, low, high))
+        largest = record.largest_drift(output) / seen.scales[k]
+        if abs(slope) > largest:
+            yield k, math.copysign(largest, slope)
 
 
 def _may_drift(record: PreparedRun, output: str) -> bool:
