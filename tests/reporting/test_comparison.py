@@ -25,7 +25,7 @@ from ipmclab.reporting.comparison import (
     write_comparison_data,
 )
 from ipmclab.reporting.figures.comparison import effects_figure, factor_figures
-from ipmclab.reporting.figures.responses import _log_axes
+from ipmclab.reporting.figures.responses import _log_axes, response_figures
 from ipmclab.reporting.style import COLOURS, SERIES
 from ipmclab.reporting.wording import NO_BREAK
 from tests.comparison.campaigns import campaign
@@ -182,3 +182,16 @@ def test_a_narrow_range_of_gains_has_round_marks(gains: tuple[float, float], mar
     gain.set_ylim(*gains)
     _log_axes(gain, phase, "current")
     assert gain.get_yticks() == pytest.approx(marks)
+
+
+def test_only_the_channels_that_respond_have_a_panel() -> None:
+    strip = ipmclab.load_actuator("friend-2")
+    both = [ipmclab.simulate(strip, f"sine 1 V {frequency} Hz", duration=20.0, rate=20.0) for frequency in (0.1, 0.5)]
+    moved = [
+        ipmclab.Run.from_arrays(
+            time=run.time, voltage=run.voltage, displacement=run.displacement, hold=run.hold, metadata=run.metadata
+        )
+        for run in both
+    ]
+    figure = response_figures(compare(moved))[0].draw()
+    assert [panel.get_title(loc="left") for panel in figure.axes] == ["displacement (mm/V)", "phase (deg)"]
