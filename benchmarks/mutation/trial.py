@@ -1,6 +1,7 @@
 """One change on trial: in a copied tree, the tests that could notice run one after the other until one fails.
 
-A test that fails without the change, too, or that fails once and then passes, has noticed nothing.
+A test that fails without the change, too, or that fails once and then passes, has noticed nothing. One that takes the
+whole process with it has noticed.
 """
 
 from __future__ import annotations
@@ -75,6 +76,8 @@ class Tree:
         if process.exitcode is None:
             _end(process)
             return _Outcome(_running(log.read_text(errors="replace")), time.monotonic() - start, over=True)
+        if process.exitcode < 0:  # the change reaches beyond an array, say: the process ends with the test
+            return _Outcome(_running(log.read_text(errors="replace")), time.monotonic() - start)
         return _Outcome(self._failed() if process.exitcode in FAILED else None, time.monotonic() - start)
 
     def _failed(self) -> str | None:
@@ -97,7 +100,9 @@ class _Outcome:
 
 def _running(log: str) -> str | None:
     lines = [line for line in log.splitlines() if "::" in line]
-    return None if not lines or re.search(r" (PASSED|SKIPPED|XFAIL|RERUN)", lines[-1]) else lines[-1].strip()
+    if not lines or re.search(r" (PASSED|SKIPPED|XFAIL|RERUN)", lines[-1]):
+        return None
+    return lines[-1].partition("Fatal Python error")[0].strip()
 
 
 def _run_pytest(folder: Path, log: Path, options: list[str]) -> None:

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import ast
 import math
+import os
+import shutil
+import subprocess
 from collections import Counter
 from pathlib import Path
 
@@ -12,7 +15,7 @@ import pytest
 from benchmarks import mutants, properties
 from benchmarks.mutation.changes import Change, changes_of, draw
 from benchmarks.mutation.noticing import Imports
-from benchmarks.mutation.trial import Verdict
+from benchmarks.mutation.trial import Tree, Verdict
 
 SOURCE = '''"""A µ of text, 3 + 4."""
 LIMIT: float = 2.5  # 7 µm
@@ -89,6 +92,23 @@ def test_the_tests_of_a_module_come_first_after_its_own_examples() -> None:
         first, *others = imports.tests_of(path)
         assert first == path
         assert test in others[:3]
+
+
+@pytest.mark.skipif(os.name == "nt" or shutil.which("git") is None, reason="it needs signals and git")
+def test_a_change_that_ends_the_process_is_noticed_by_the_test_that_ran(tmp_path: Path) -> None:
+    root = tmp_path / "root"
+    root.mkdir()
+    (root / "test_one.py").write_text(
+        "import os, signal\n"
+        "def test_well(): pass\n"
+        "def test_ends_it(): os.kill(os.getpid(), signal.SIGSEGV)\n"
+        "def test_after(): pass\n"
+    )
+    for words in (("init", "-q"), ("add", ".")):
+        subprocess.run(["git", *words], cwd=root, check=True)
+    tree = Tree(root, tmp_path / "copy")
+    assert tree.test(["test_one.py"], 120.0).test == "test_one.py::test_ends_it"
+    assert tree.test(["test_one.py::test_well"], 120.0).passed
 
 
 def test_a_call_goes_on_where_the_last_one_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

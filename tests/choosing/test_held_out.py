@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from ipmclab.choosing.blocks import run_blocks, time_blocks
-from ipmclab.choosing.held_out import Division, Fold, hold_out, score_blocks
+from ipmclab.choosing.held_out import Division, Fold, held_out_rmse, hold_out, score_blocks
 from ipmclab.choosing.noise import FadingNoise, Part
 from ipmclab.identification.problem.record import as_read, prepare
 from ipmclab.identification.uncertainty import interval
@@ -135,3 +135,17 @@ def test_what_is_held_out_is_hidden_and_its_voltage_is_not() -> None:
     assert np.array_equal(run.current[~held], record.run.current[~held])
     assert np.array_equal(run.voltage, record.run.voltage)
     assert np.array_equal(run.time, record.run.time)
+
+
+@pytest.mark.parametrize("whole_runs", [False, True])
+def test_held_out_errors_are_those_of_the_fits_that_did_not_see_the_rows(whole_runs: bool) -> None:
+    divided = division(whole_runs=whole_runs)
+    folds = []
+    for number in range(divided.folds):
+        errors = {
+            (place, output): np.where(divided.held_rows(divided.records[place], number), 1e-3 * (1 + place), 7.0)
+            for place, output in divided.keys
+        }
+        folds.append(Fold({key: divided.series(key, error) for key, error in errors.items()}, {}, {}))
+    # As many rows are off by 1 mA as by 2 mA.
+    assert held_out_rmse(folds, divided)["current"] == pytest.approx(1e-3 * np.sqrt((1.0 + 4.0) / 2.0))

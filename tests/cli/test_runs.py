@@ -12,7 +12,7 @@ import pytest
 
 from ipmclab.run import Run, RunMetadata
 from ipmclab.sample import Sample
-from ipmclab.store.run_file import write_run
+from ipmclab.store.run_file import read_run, write_run
 
 START = datetime(2026, 11, 18, 9, 6).astimezone()  # as the time line shows it, wherever this runs
 
@@ -181,6 +181,8 @@ def test_the_life_of_a_sample(command, lab: Path, tmp_path: Path) -> None:
     assert document["mountings"] == ["m1", "m2"]
     kinds = [event["kind"] for event in document["events"]]
     assert kinds == ["out of water", "clamped", "run", "run", "run", "out of water", "clamped", "run", "run"]
+    recorded = [read_run(lab / f"{number}.nc").metadata.uuid for number in range(1, 6)]
+    assert [event["run"] for event in document["events"] if event["kind"] == "run"] == recorded
     # The charge beyond the steady current: 5 mA that fade with 0.5 s, summed in steps of 20 ms.
     farads = 5e-3 * 0.02 / (1.0 - np.exp(-0.02 / 0.5)) / 0.1
     changes = document["changes"]

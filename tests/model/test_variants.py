@@ -8,6 +8,8 @@ import pytest
 
 from ipmclab import InputError, load_actuator, write_actuator
 from ipmclab.model import actuator_from_text, actuator_to_text
+from ipmclab.model.declared import declaration_of
+from ipmclab.model.kinds import kind_of, optional_kinds
 from ipmclab.model.variants import with_stages
 
 LEAKING = '[leak.slow]\ngrowth = 0.5\ntime_constant = "60 s"\n'
@@ -82,3 +84,13 @@ def test_a_plus_in_a_folder_is_no_stage(tmp_path: Path) -> None:
     folder.mkdir()
     write_actuator(load_actuator("friend-2"), folder / "strip.toml")
     assert load_actuator(f"{folder / 'strip.toml'}+leak.cubic").structure.leak == "cubic"
+
+
+@pytest.mark.parametrize("stage", ["branches", "viscoelastic", "relaxation.force", "environment.branches"])
+def test_each_of_several_is_known_by_its_own_name(stage: str) -> None:
+    strip = with_stages(load_actuator("friend-2"), "branches=3", f"{stage}=3")
+    kind = next(kind for kind in optional_kinds() if kind.name == stage)
+    names = [name for name in strip.parameter_values if kind_of(name) is kind]
+    assert {kind.one(name) for name in names} == {f"{kind.prefix}{number}." for number in range(3)}
+    for name in names:
+        assert declaration_of(name) == strip.structure.declarations[name]

@@ -221,6 +221,14 @@ def test_a_foreign_record_is_seen_and_imported(jobs: Jobs, tmp_path: Path) -> No
         jobs.submit("import", {"path": str(path), "map": table}).future.result(PATIENCE)
 
 
+def test_a_preview_goes_as_far_as_the_longest_column(tmp_path: Path) -> None:
+    path = tmp_path / "record.mat"
+    scipy.io.savemat(path, {"t": np.arange(9) / 50.0, "U": np.arange(3.0)})
+    seen = find_task("preview")({"path": str(path)}, lambda *_: None).document
+    assert seen["count"] == 9
+    assert [row[seen["names"].index("U")] for row in seen["rows"]] == ["0", "1", "2", *[""] * 6]
+
+
 def test_a_short_job_that_takes_long_is_ended_and_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "record.csv"
     path.write_text("time,voltage\n0,1\n1,2\n")

@@ -83,6 +83,16 @@ def test_what_is_missing_is_told_in_its_order(strip: VirtualStrip) -> None:
     assert some.steps[5].how == "waits for the branches, the modulus"
 
 
+@pytest.mark.parametrize(("contacts", "formula"), [("line", "R_s = R w/d "), ("points", "R_s = C V/I ")])
+def test_the_sheet_resistance_names_the_formula_of_its_contacts(
+    strip: VirtualStrip, contacts: str, formula: str
+) -> None:
+    whole = strip.procedure(np.random.default_rng(SEED))
+    probes = replace(whole.sheet_resistance, contacts=contacts, spacing=exact(2e-3))
+    alone = replace(whole, sheet_resistance=probes, dc_resistance=None, branches=(), coupling=())
+    assert follow_procedure(alone).steps[0].how.startswith(formula)
+
+
 def test_without_a_steady_state_the_branches_find_the_dc_resistance(strip: VirtualStrip, truth: Actuator) -> None:
     whole = strip.procedure(np.random.default_rng(SEED))
     found = follow_procedure(replace(whole, dc_resistance=None, coupling=()))

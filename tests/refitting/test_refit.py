@@ -12,6 +12,7 @@ from ipmclab.engine import Here
 from ipmclab.fit.fit import Fit
 from ipmclab.identification.search.solve import Shifted, descend
 from ipmclab.refitting.again import Fitted, fits_again, fitted
+from ipmclab.refitting.side_by_side import _steps
 from tests.independent.bounds import ELECTRICAL, noisy_current, step_and_sine
 from tests.independent.thesis import FRIEND_2
 
@@ -147,3 +148,14 @@ def _as_long(values: np.ndarray, rows: int) -> np.ndarray:
     """2000 stands for as many rows as the run has."""
     lost = 2000 - values.shape[-1]
     return np.full((*values.shape[:-1], rows - lost), values.flat[0])
+
+
+def test_a_step_of_each_is_that_of_least_squares() -> None:
+    generator = np.random.default_rng(SEED)
+    rows = generator.standard_normal((3, 5, 40))  # four derivatives and the residual of each
+    steps, expected = _steps(rows @ rows.transpose(0, 2, 1))
+    for one, step, gain in zip(rows, steps, expected, strict=True):
+        wanted = -np.linalg.lstsq(one[:-1].T, one[-1], rcond=None)[0]
+        left = one[-1] + wanted @ one[:-1]
+        assert step == pytest.approx(wanted)
+        assert gain == pytest.approx(one[-1] @ one[-1] - left @ left)

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 import ipmclab
 from ipmclab.comparison.compare import Comparison, compare
@@ -24,6 +25,7 @@ from ipmclab.reporting.comparison import (
     write_comparison_data,
 )
 from ipmclab.reporting.figures.comparison import effects_figure, factor_figures
+from ipmclab.reporting.figures.responses import _log_axes, response_figures
 from ipmclab.reporting.style import COLOURS, SERIES
 from ipmclab.reporting.wording import NO_BREAK
 from tests.comparison.campaigns import campaign
@@ -166,3 +168,30 @@ def test_a_mean_says_of_how_many_runs_and_from_where_to_where() -> None:
     assert "6.20 mm (mean of 2 runs, 0.400 mm to 12.0 mm)" in page
     assert '<td class="number">1.00 mN</td>' in page  # of one run
     assert "<p>No effect: as far as is known the runs do not differ in voltage.</p>" in page
+
+
+@pytest.mark.parametrize(
+    ("gains", "marks"),
+    [
+        ((0.9, 3.2), [1.0, 1.5, 2.0, 3.0]),
+        ((0.09, 2.1), [0.1, 0.2, 0.5, 1.0, 2.0]),
+    ],
+)
+def test_a_narrow_range_of_gains_has_round_marks(gains: tuple[float, float], marks: list[float]) -> None:
+    gain, phase = Figure().subplots(2)
+    gain.set_ylim(*gains)
+    _log_axes(gain, phase, "current")
+    assert gain.get_yticks() == pytest.approx(marks)
+
+
+def test_only_the_channels_that_respond_have_a_panel() -> None:
+    strip = ipmclab.load_actuator("friend-2")
+    both = [ipmclab.simulate(strip, f"sine 1 V {frequency} Hz", duration=20.0, rate=20.0) for frequency in (0.1, 0.5)]
+    moved = [
+        ipmclab.Run.from_arrays(
+            time=run.time, voltage=run.voltage, displacement=run.displacement, hold=run.hold, metadata=run.metadata
+        )
+        for run in both
+    ]
+    figure = response_figures(compare(moved))[0].draw()
+    assert [panel.get_title(loc="left") for panel in figure.axes] == ["displacement (mm/V)", "phase (deg)"]

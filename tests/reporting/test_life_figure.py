@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from datetime import datetime
 
 import pytest
 from hypothesis import given
@@ -102,3 +103,12 @@ def test_mountings_without_a_time_of_their_own() -> None:
 def test_without_a_date_there_is_no_time_line() -> None:
     with pytest.raises(InputError, match="when it was recorded"):
         figures.life_figure(life_of("S1", [row(1, None)]))
+
+
+def test_the_day_of_the_last_run_is_not_cut_off() -> None:
+    before_midnight = datetime(2026, 11, 22, 23, 0).timestamp()
+    figure = figures.life_figure(life_of("S1", [row(1, before_midnight), row(2, before_midnight + 1.5 * HOUR)]))
+    figure.canvas.draw()
+    last = figure.axes[-1].get_xticklabels()[-1]
+    assert "\n23 Nov 2026" in last.get_text()
+    assert last.get_window_extent().x1 <= figure.bbox.x1

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
+import nidaqmx
 import numpy as np
 import pytest
 
@@ -17,6 +18,8 @@ from ipmclab import signals
 from ipmclab.errors import InputError, IpmclabError
 from ipmclab.rig.bench import BenchError, Block
 from ipmclab.rig.channels import Converter, Output, Rig, Thermometer
+from ipmclab.rig.daqmx.driver import Driver
+from ipmclab.rig.daqmx.link import Link
 from ipmclab.rig.ni import NiBench, Resetter, reset
 from tests.rig.conformance import joined
 from tests.rig.stand_in import Process, StandIn, serve
@@ -524,6 +527,24 @@ def test_nothing_answers(still: StandIn, monkeypatch: pytest.MonkeyPatch) -> Non
                 attempt()
             assert caught.value.code == "bench-unreachable"
             assert f"address: no gRPC server answers at {rig.address}" in str(caught.value)
+
+
+def test_a_connection_whose_driver_fails_at_once_is_let_go(still: StandIn, monkeypatch: pytest.MonkeyPatch) -> None:
+    closed = []
+
+    class Noted(Link):
+        def close(self) -> None:
+            closed.append(self)
+            super().close()
+
+    def fail(_: object) -> object:
+        raise nidaqmx.errors.DaqError("the device is gone", -88710)
+
+    monkeypatch.setattr("ipmclab.rig.daqmx.driver.Link", Noted)
+    monkeypatch.setattr(nidaqmx.system.System, "devices", property(fail))
+    with pytest.raises(IpmclabError):
+        Driver(nidaqmx, still.rig, wait=5.0)
+    assert len(closed) == 1
 
 
 def test_no_driver_on_this_computer(still: StandIn) -> None:

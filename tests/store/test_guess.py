@@ -402,3 +402,17 @@ def test_degrees_of_other_scales_have_another_zero(tmp_path: Path, unit: str, re
     assert not guess.questions
     assert f"temperature: column 'temperature ({unit})', {unit}" in guess.taken
     assert import_run(file, guess.map).temperature == pytest.approx([20.0, 25.0])
+
+
+def test_an_empty_column_is_no_voltage_and_neither_is_the_time(tmp_path: Path) -> None:
+    path = tmp_path / "record.csv"
+    rows = [f"{t},{u},,{i}" for t, u, i in zip(TIME, VOLTAGE, CURRENT, strict=True)]
+    path.write_text("\n".join(["time (s),first,second,third", *rows]))
+    asked = {question.key: question for question in guess_map(path).questions}
+    assert asked["channels.voltage.column"].choices == ("first", "third")
+
+
+def test_what_is_the_time_is_nothing_else(tmp_path: Path) -> None:
+    path = STYLES["no names"].save(tmp_path)
+    asked = {question.key: question for question in guess_map(path, {"channels.time.column": "0"}).questions}
+    assert asked["channels.voltage.column"].choices == ("1", "2", "3")

@@ -13,12 +13,14 @@ from hypothesis import strategies as st
 
 from ipmclab import InputError, IpmclabError, load_actuator, read_sweep, run_sweep, simulate
 from ipmclab.platform import lock_file
+from ipmclab.reporting.figures.sweep import _power
 from ipmclab.sweep import design as design_module
 from ipmclab.sweep.design import KINDS, Range, Sampled, Table
 from ipmclab.sweep.effects import morris_effects
 from ipmclab.sweep.indices import sobol_indices
 from ipmclab.sweep.sweep_file import _read_columns, sweep_from_text
 from ipmclab.sweep.template import TEMPLATE
+from ipmclab.units import LENGTH, NUMBER
 from tests.engine.awkward import Awkward
 from tests.profiles import costly
 
@@ -279,3 +281,11 @@ def test_ways_of_another_version_are_another_sweep(monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(design_module, "version", lambda _: "99")
     assert ways.digest() != before[0]
     assert points.digest() == before[1]
+
+
+def test_numbers_of_an_axis_share_a_power_of_ten_where_they_are_large_or_small() -> None:
+    assert _power(np.array([2e4, 1.2e5]), NUMBER) == (5, "10⁵")
+    assert _power(np.array([2e4, -9.9e4]), NUMBER) == (0, "")
+    assert _power(np.array([2e-4, 9e-4]), NUMBER) == (-4, "10⁻⁴")
+    assert _power(np.array([2e-6, 0.01]), LENGTH) == (0, "mm")
+    assert _power(np.zeros(2), NUMBER) == (0, "")

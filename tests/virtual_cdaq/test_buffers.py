@@ -87,3 +87,9 @@ def test_a_range_of_channels_runs_both_ways_and_names_both_ends(first, last):
     assert (names[0], names[-1]) == (f"cDAQ1Mod1/ai{first}", f"cDAQ1Mod1/ai{last}")
     assert len(names) == abs(last - first) + 1
     assert expand(f"cDAQ1Mod1/ai{first}:cDAQ1Mod1/ai{last}") == names
+
+
+def test_a_buffer_beyond_1_gib_is_refused():
+    with pytest.raises(ChassisError) as caught:
+        InputBuffer(2, 2**30 // 4 // 2 + 1)  # of 4 bytes a sample
+    assert caught.value.code == -50352

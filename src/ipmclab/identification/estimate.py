@@ -42,7 +42,7 @@ from ipmclab.identification.search.doubts import contradicted_currents
 from ipmclab.identification.search.lowest import find_minima
 from ipmclab.identification.search.pose import need_as_many_readings, without_leak
 from ipmclab.identification.search.rest import could_be_zero, not_at_rest
-from ipmclab.identification.search.solve import Solution, entry_errors, null_directions
+from ipmclab.identification.search.solve import Solution, entry_errors, null_directions, settled_beside_unfelt
 from ipmclab.identification.search.starts.usual import usual_coupling
 from ipmclab.identification.search.valleys import Minima, Rival
 from ipmclab.identification.solved import Estimate
@@ -81,7 +81,7 @@ def estimate(actuator: Actuator, names: FreeParameters, records: Sequence[Prepar
         beside = under
         problem, solution = _without_stages(actuator, problem, solution, unseen)
         under, other = noisy(problem, solution)
-    at = under.solution
+    at = settled_beside_unfelt(under.problem, under.solution)
     if problem.unknowns and len(null_directions(at.evaluation)):
         at = settled_nearest(under.problem, at, _reference(under.problem, at))
     under = under.at(nearest_zero(under.problem, at))

@@ -69,3 +69,12 @@ def test_a_start_beyond_what_a_parameter_may_be_is_none() -> None:
     noise = {(0, "displacement"): 1e-6}
     problem = problem_at(STRIP, STRIP.parameters(), names, [record], StartingPoint(ratios, {}), noise)
     assert sum(unknown.is_start for unknown in problem.unknowns) > 0
+
+
+@pytest.mark.parametrize("log", [False, True])
+def test_many_entries_stand_for_what_each_stands_for(log: bool) -> None:
+    unknown = Unknown("x", "x", None, log, scale=4.0, lower=0.5, upper=20.0)
+    values = [1.0, 7.0, 20.0]
+    entries = np.array([unknown.entry(value) for value in values])
+    assert unknown.values(entries) == pytest.approx(values)
+    assert unknown.values(entries + 1e3) == pytest.approx([20.0] * 3)

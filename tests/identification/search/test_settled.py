@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from ipmclab import identify, load_actuator
+from ipmclab import Run, RunMetadata, identify, load_actuator
 from ipmclab.identification.problem.problem import Evaluation
 from ipmclab.identification.search.descent import weigh
-from ipmclab.identification.search.solve import Solution, settled
+from ipmclab.identification.search.solve import Solution, settled, settled_beside_unfelt
 from ipmclab.identification.solved import solved
 from tests.identification.many import noisy
 
@@ -53,6 +53,48 @@ def test_what_presses_on_its_bound_stays_there_and_the_others_settle() -> None:
     assert found[0].theta[1] == pytest.approx(-0.2, abs=2e-6)
     assert abs(found[0].theta[0] - found[1].theta[0]) < 1e-10
     assert abs(found[0].evaluation.rows[0] @ found[0].evaluation.residual) < 1e-8
+
+
+class HardlyFelt(Decay):
+    """The same beside two entries of which the readings feel a trace: derivatives lead far out of their ranges."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.lower, self.upper = np.append(self.lower, [-9.0, -9.0]), np.append(self.upper, [9.0, 9.0])
+
+    def evaluate(self, theta: np.ndarray) -> Evaluation:
+        rows = super().evaluate(theta[:2]).rows
+        traces = 1e-9 * np.vstack([np.cos(TIME), np.sin(3.0 * TIME)])
+        return Evaluation(np.vstack([rows[:2], traces, rows[2] + theta[2:] @ traces]))
+
+
+def test_what_is_hardly_felt_stays_and_the_others_settle() -> None:
+    alone = Decay()
+    expected = minimize(lambda theta: alone.evaluate(theta).cost, [0.7, -0.4], method="Nelder-Mead", tol=1e-13).x
+    expected = settled(alone, stopped(alone, expected)).theta
+    away = 3e-3 * np.random.default_rng(20261127).standard_normal((5, 2))
+    for one in away:
+        found = settled_beside_unfelt(HardlyFelt(), stopped(HardlyFelt(), np.append(expected + one, [3.0, -5.0])))
+        np.testing.assert_array_equal(found.theta[2:], [3.0, -5.0])
+        np.testing.assert_allclose(found.theta[:2], expected, atol=1e-7)  # the traces move it by some 1e-8
+
+
+def test_what_is_determined_is_at_its_minimum_beside_parameters_that_are_hardly_felt() -> None:
+    """A current that is a zero and noise: branches and leak went to their bounds, the zero is known."""
+    generator = np.random.default_rng([20261127, 3])
+    current = 1e-3 + 1e-4 * (np.cumsum(generator.standard_normal(400)) + generator.standard_normal(400))
+    time = np.arange(400) / 50.0
+    resting = RunMetadata(starts_from_rest=True)
+    voltage = np.where(time > 1.0, 1.0, 0.0)
+    run = Run.from_arrays(time=time, voltage=voltage, current=current, hold="zero", metadata=resting)
+    fit = identify(load_actuator("friend-2"), run, free="electrical,observation.offset.current")
+    name = "observation.offset.current[0]"
+    assert fit.parameters[name].determined
+    estimate = solved(fit)
+    place = [unknown.name for unknown in estimate.problem.unknowns].index(name)
+    further = settled_beside_unfelt(estimate.problem, estimate.solution).theta - estimate.solution.theta
+    unit = estimate.problem.unknowns[place].scale
+    assert abs(further[place]) * unit < 1e-6 * fit.parameters[name].standard_error
 
 
 def test_far_from_any_minimum_nothing_is_done() -> None:

@@ -211,6 +211,27 @@ def settled(problem: Solvable, solution: Solution) -> Solution:
     return settled_to(problem, solution, SETTLED)[0]
 
 
+def settled_beside_unfelt(problem: Solvable, solution: Solution) -> Solution:
+    """The same where an entry is hardly felt; else the solution as it is.
+
+    The step of such an entry leads out of its range, or farther than derivatives lead: it says nothing, and no step of
+    all entries can be made. That entry stays where the search has left it, and the others settle beside it.
+    """
+    step = (
+        _step_beside_bounds(problem, solution.theta, solution.evaluation)[0] if len(solution.theta) else solution.theta
+    )
+    trial = solution.theta + step
+    is_far = (np.abs(step) > FARTHEST_STEP) & np.isfinite(problem.upper - problem.lower)
+    is_far |= (trial < problem.lower) | (trial > problem.upper)
+    if not is_far.any():
+        return solution
+    place = int(np.argmax(np.where(is_far, np.abs(step), -1.0)))
+    pinned = Pinned(problem, place, float(solution.theta[place]))
+    others = np.delete(solution.theta, place)
+    start = replace(solution, theta=others, evaluation=pinned.evaluate(others), evaluations=solution.evaluations + 1)
+    return pinned.in_full(settled(pinned, settled_beside_unfelt(pinned, start)))
+
+
 def settled_to(problem: Solvable, solution: Solution, ending: float) -> tuple[Solution, float]:
     """The same until a step is below so many standard errors; and how long the next one would be."""
     theta, here, spent = solution.theta, solution.evaluation, solution.evaluations
