@@ -24,7 +24,7 @@ from benchmarks.harness import clock, finish
 from benchmarks.real_records import StepRecord, records
 from benchmarks.wrong_model import circuit_current, cut_out, plain_fit
 from ipmclab import Actuator, Fit, Run
-from ipmclab.identification.search.solve import entry_errors
+from ipmclab.identification.search.tangent import entry_errors
 from ipmclab.model.variants import with_stages
 
 SOURCES = ("src/ipmclab/model", "src/ipmclab/identification", "src/ipmclab/statespace", "src/ipmclab/fit")

@@ -16,7 +16,8 @@ import pytest
 from numpy import arctan, cos, exp, pi, sin
 
 from ipmclab.identification.problem.problem import Evaluation
-from ipmclab.identification.search.solve import Solution, entry_errors, minimise
+from ipmclab.identification.search.solve import Solution, minimise
+from ipmclab.identification.search.tangent import entry_errors
 
 FOLDER = Path(__file__).parent / "nist_strd"
 DIGITS = 6.0

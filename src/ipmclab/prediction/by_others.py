@@ -16,7 +16,8 @@ from ipmclab.identification.problem.order import Order
 from ipmclab.identification.problem.problem import Evaluation, Problem
 from ipmclab.identification.problem.record import PreparedRun, model_hold, own_endings
 from ipmclab.identification.problem.unknowns import Unknown
-from ipmclab.identification.search.solve import STRUCTURAL, descend
+from ipmclab.identification.search.solve import descend
+from ipmclab.identification.search.tangent import STRUCTURAL
 from ipmclab.identification.uncertainty.known_covariance import covariance_table, known_of
 from ipmclab.model import Actuator
 from ipmclab.model.environment.age import AGE, grown

@@ -20,7 +20,8 @@ from ipmclab.identification.noise.pieces import Key, Piece
 from ipmclab.identification.problem.order import Order
 from ipmclab.identification.problem.problem import Evaluation, Problem
 from ipmclab.identification.problem.record import PreparedRun
-from ipmclab.identification.search.solve import STRUCTURAL, descend, entry_errors
+from ipmclab.identification.search.solve import descend
+from ipmclab.identification.search.tangent import STRUCTURAL, entry_errors
 from ipmclab.identification.solved import Estimate, solved
 from ipmclab.measurement.random_effect import FEWEST
 from ipmclab.one_thread import on_one_thread

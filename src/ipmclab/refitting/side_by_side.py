@@ -20,14 +20,8 @@ from ipmclab.identification.problem.problem import WELL_APART, Problem
 from ipmclab.identification.problem.record import PreparedRun, drive
 from ipmclab.identification.problem.response import CircuitResponder, circuits, lumped_derivatives
 from ipmclab.identification.problem.unknowns import Unknown
-from ipmclab.identification.search.solve import (
-    FARTHEST_STEP,
-    HARDLY,
-    MOST_STEPS,
-    NEGLIGIBLE,
-    NOTHING,
-    STRUCTURAL,
-)
+from ipmclab.identification.search.solve import FARTHEST_STEP, HARDLY, MOST_STEPS, NEGLIGIBLE, NOTHING
+from ipmclab.identification.search.tangent import STRUCTURAL
 from ipmclab.model.numerics.drive import Drive
 from ipmclab.refitting.kernels import pole_products
 

@@ -11,8 +11,9 @@ from ipmclab.identification.problem.free import parse_free
 from ipmclab.identification.problem.problem import Evaluation, Problem
 from ipmclab.identification.problem.record import ASSUMED_REST, prepare
 from ipmclab.identification.search.pose import problem_at
-from ipmclab.identification.search.solve import entry_errors, minimise, null_directions, polish
+from ipmclab.identification.search.solve import minimise, polish
 from ipmclab.identification.search.starts.start import StartingPoint
+from ipmclab.identification.search.tangent import entry_errors, null_directions
 
 
 class _TwoReadingsOfThree:

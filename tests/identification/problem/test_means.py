@@ -10,7 +10,7 @@ import pytest
 from ipmclab import Run, identify, load_actuator, simulate
 from ipmclab.identification.problem import means
 from ipmclab.identification.problem.record import prepare
-from ipmclab.identification.search.solve import entry_errors
+from ipmclab.identification.search.tangent import entry_errors
 from ipmclab.model.outputs import simulate_outputs
 
 STRIP = load_actuator("friend-2+relaxation.displacement").replace(

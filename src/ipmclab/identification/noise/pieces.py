@@ -14,7 +14,7 @@ import numpy.typing as npt
 from ipmclab.identification.problem.problem import Evaluation, Problem
 from ipmclab.identification.problem.record import PreparedRun
 from ipmclab.identification.problem.unknowns import Unknown
-from ipmclab.identification.search.solve import least_seen
+from ipmclab.identification.search.tangent import least_seen
 from ipmclab.run import FloatArray
 from ipmclab.statespace.columns import CONSTANTS, Columns, constants, steps_between, without
 from ipmclab.statespace.search import Allowed, choose_terms, refine, rough_noise

@@ -11,7 +11,8 @@ from ipmclab.identification.noise.correlate import Correlated
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.problem.unknowns import Unknown
 from ipmclab.identification.search.descent import beside_less, minimum_near
-from ipmclab.identification.search.solve import Solution, entry_errors
+from ipmclab.identification.search.solve import Solution
+from ipmclab.identification.search.tangent import entry_errors
 from ipmclab.model.declared import has_shape
 from ipmclab.model.kinds import kind_of
 from ipmclab.model.stages.kind import StageKind

@@ -97,15 +97,15 @@ class Zero:
         """In units of the noise of the rows."""
         known = [(0.0, self.most)] if self.terms.offset else []
         known += [(self.rest.slope * self.half, self.rest.error * self.half)] if self.terms.trend else []
-        errors = np.array([error / sigma for _, error in known])
-        precision = errors**-2.0
+        precision = np.array([(sigma / error) ** 2 for _, error in known])
+        errors = np.where(precision > 0.0, 1.0 / np.sqrt(np.where(precision > 0.0, precision, 1.0)), 0.0)
         if self.terms.trend:
             precision[-1] *= self.inflation
         centre = np.array([middle / sigma for middle, _ in known])
         by_rows = np.zeros_like(self.columns)
         if self.terms.trend:
             by_rows[: len(self.rest.weights), -1] = self.rest.weights * self.half
-        return Projection.of(self.columns, precision, centre, np.where(np.isfinite(errors), errors, 0.0), by_rows)
+        return Projection.of(self.columns, precision, centre, errors, by_rows)
 
 
 @dataclass(frozen=True, eq=False)

@@ -123,9 +123,8 @@ class AtRest(NamedTuple):
     @classmethod
     def of(cls, finding: Finding) -> AtRest:
         """What the check says of it."""
-        kind = _BEFORE_STEP[finding.code]
-        value = finding.values["slope" if kind == "drift" else kind]
-        return cls(float(value or 0.0), float(finding.values["standard_error"] or 0.0))
+        name = "slope" if _BEFORE_STEP[finding.code] == "drift" else "offset"
+        return cls(float(finding.values[name] or 0.0), float(finding.values["standard_error"] or 0.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,7 +140,7 @@ class PreparedRun:
     unsettled: frozenset[tuple[str, str]] = frozenset()
     """What the sensors may add, such as ("offset", "force"): asked of the readings."""
     shown: Mapping[tuple[str, str], AtRest] = field(default_factory=dict)
-    """What of that the rows at 0 V show by themselves: no fit has to ask again."""
+    """What of that the rows at 0 V show by themselves."""
     known_delay: float | None = None
     """What an earlier fit of this run found [s], where the circuit that goes with it stays fixed."""
     known_offset: Mapping[str, float] = field(default_factory=dict)
@@ -151,15 +150,9 @@ class PreparedRun:
     """Water, temperature and dose, where the actuator has laws that it follows."""
 
     def largest_drift(self, output: str) -> float:
-        """By how much a sensor drifts at most, where the strip moves in the rows at 0 V that show a slope [SI/s].
-
-        Where it does not, these rows show the sensor alone and hold it by themselves: nothing more is known, and the
-        answer is infinite.
-        """
-        if self.start != "free" or ("drift", output) not in self.shown:
-            return math.inf
-        slope, error = self.shown["drift", output]
-        return abs(slope) + _SURELY * error
+        """By how much a sensor drifts at most, where the strip moves in the rows at 0 V that show a slope [SI/s]."""
+        rest = self.shown.get(("drift", output)) if self.start == "free" else None  # else they show the sensor alone
+        return math.inf if rest is None else abs(rest.value) + _SURELY * rest.error
 
     @property
     def period(self) -> float:

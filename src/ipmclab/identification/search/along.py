@@ -16,8 +16,9 @@ from ipmclab.identification.problem.response import CircuitResponder
 from ipmclab.identification.search.as_good import AS_GOOD
 from ipmclab.identification.search.branch_valley import branch_valley
 from ipmclab.identification.search.descent import on_every_row, shorter
-from ipmclab.identification.search.solve import Pinned, Solution, descend, entry_errors
+from ipmclab.identification.search.solve import Pinned, Solution, descend
 from ipmclab.identification.search.starts.start import fastest_rate
+from ipmclab.identification.search.tangent import entry_errors
 from ipmclab.identification.search.valleys import EVALUATIONS, NEAR, Place
 from ipmclab.model import Actuator
 from ipmclab.model.declared import is_of_circuit

@@ -21,7 +21,8 @@ import numpy.typing as npt
 
 from ipmclab.identification.problem.problem import Evaluation, Problem
 from ipmclab.identification.search.branch_times import BranchTimes
-from ipmclab.identification.search.solve import Solution, Solvable, descend, entry_errors, minimise
+from ipmclab.identification.search.solve import Solution, Solvable, descend, minimise
+from ipmclab.identification.search.tangent import entry_errors
 from ipmclab.identification.search.valleys import EVALUATIONS, NEAR, SURELY_SOMEWHERE, Place
 from ipmclab.model.stages.circuit import Circuit, branch_names
 

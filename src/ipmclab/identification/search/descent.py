@@ -15,19 +15,17 @@ from ipmclab.identification.problem.response import CircuitResponder
 from ipmclab.identification.search.solve import (
     PATIENCE,
     SETTLED,
-    STRUCTURAL,
     THERE,
     Shifted,
     Solution,
     descend,
-    known_beforehand,
     minimise,
     polish,
     settle,
     settled,
     settled_to,
-    with_others,
 )
+from ipmclab.identification.search.tangent import STRUCTURAL, known_beforehand, with_others
 from ipmclab.identification.search.valleys import NEAR
 
 FloatArray = npt.NDArray[np.float64]

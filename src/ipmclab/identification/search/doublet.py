@@ -17,7 +17,8 @@ import numpy.typing as npt
 
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.problem.stated import stated_covariance
-from ipmclab.identification.search.solve import Solution, entry_errors
+from ipmclab.identification.search.solve import Solution
+from ipmclab.identification.search.tangent import entry_errors
 from ipmclab.identification.search.valleys import SURE, SURELY_SOMEWHERE, Rival
 from ipmclab.model import Actuator
 from ipmclab.normal_equations import root

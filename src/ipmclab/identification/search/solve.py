@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final, Protocol
 
@@ -10,14 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.identification.problem.problem import Evaluation, Problem
+from ipmclab.identification.search.tangent import gauss_newton, null_directions, with_others
 
 FloatArray = npt.NDArray[np.float64]
-
-STRUCTURAL: Final = 1e-7
-"""A singular value below this part of the largest is a direction that no amount of such data determines."""
-
-_SHARP: Final = 1e5
-"""What is known that well is as good as exact: ``STRUCTURAL`` times as well is to within a factor of e^100."""
 
 NEGLIGIBLE: Final = 1e-6
 """A decrease of the cost that moves no parameter by a thousandth of its standard error."""
@@ -185,7 +179,7 @@ def polish(problem: Solvable, theta: FloatArray, here: Evaluation | None = None)
     if here is None:
         here, spent = problem.evaluate(theta), 1
     for _ in range(MOST_STEPS):
-        step, expected = _gauss_newton(here)
+        step, expected = gauss_newton(here)
         if expected <= max(NEGLIGIBLE, NOTHING * here.cost):
             return Solution(theta, here, True, _REASONS[1], spent)
         trial = theta + step
@@ -254,7 +248,7 @@ def settled_to(problem: Solvable, solution: Solution, ending: float) -> tuple[So
 
 def _step_beside_bounds(problem: Solvable, theta: FloatArray, here: Evaluation) -> tuple[FloatArray, float]:
     """A Gauss-Newton step that leaves no bound, and its length in standard errors."""
-    step, _ = _gauss_newton(here)
+    step, _ = gauss_newton(here)
     trial = theta + step
     low = (trial < problem.lower + _ASIDE) & (theta < problem.lower + _NEAR)
     high = (trial > problem.upper - _ASIDE) & (theta > problem.upper - _NEAR)
@@ -264,7 +258,7 @@ def _step_beside_bounds(problem: Solvable, theta: FloatArray, here: Evaluation) 
         free = np.flatnonzero(~held)
         rows = np.vstack([here.rows[free], here.rows[-1] + aside[held] @ here.rows[:-1][held]])
         step = aside
-        step[free] = _gauss_newton(Evaluation(rows, here.beforehand))[0] if len(free) else 0.0
+        step[free] = gauss_newton(Evaluation(rows, here.beforehand))[0] if len(free) else 0.0
         trial = theta + step
     if ((trial < problem.lower) | (trial > problem.upper)).any():
         return step, np.inf  # a bound lies between: the search has said what there is to say
@@ -274,33 +268,6 @@ def _step_beside_bounds(problem: Solvable, theta: FloatArray, here: Evaluation) 
 
 def _is_inside(problem: Solvable, theta: FloatArray) -> bool:
     return bool(((problem.lower < theta) & (theta < problem.upper)).all())
-
-
-def _gauss_newton(here: Evaluation) -> tuple[FloatArray, float]:
-    """The step, and the decrease of the cost that it promises."""
-    singular, directions, right, size = here.scaled_spectrum
-    kept = singular > STRUCTURAL * singular.max(initial=0.0)
-    turned = right[kept]
-    return -(directions[kept].T @ (turned / singular[kept])) / size, float(turned @ turned)
-
-
-def known_beforehand(here: Evaluation) -> float:
-    """How many of the unknowns were known beforehand rather than fed by readings: the leverage of those rows."""
-    if not here.beforehand:
-        return 0.0
-    singular, directions, _, size = here.scaled_spectrum
-    kept = singular > STRUCTURAL * singular.max(initial=0.0)
-    rows = here.jacobian[-here.beforehand :] / size
-    return float(np.sum((rows @ directions[kept].T / singular[kept]) ** 2))
-
-
-def entry_errors(here: Evaluation) -> FloatArray:
-    """Standard error of each entry, infinite where a direction of which the readings say nothing moves it."""
-    singular, directions, _, size = here.scaled_spectrum
-    kept = singular > STRUCTURAL * singular.max(initial=0.0)
-    errors = np.sqrt(((directions[kept] / singular[kept, None]) ** 2).sum(axis=0)) / size
-    moved = (np.abs(directions[~kept]) > 1e-3).any(axis=0)
-    return np.where(moved, np.inf, errors)
 
 
 def settle(problem: Problem, solution: Solution, reference: FloatArray) -> Solution:
@@ -333,50 +300,6 @@ def settle(problem: Problem, solution: Solution, reference: FloatArray) -> Solut
 
 def _distance(theta: FloatArray, reference: FloatArray) -> float:
     return float(np.linalg.norm(theta - reference))
-
-
-def null_directions(here: Evaluation) -> FloatArray:
-    """Unit vectors along which the readings say nothing, shape (n_null, n_unknown)."""
-    singular, directions = here.spectrum
-    found: FloatArray = directions[singular <= least_seen(here, singular[0])]
-    return found
-
-
-def least_seen(here: Evaluation, largest: float) -> float:
-    """The singular value up to which a direction is one of which the readings say nothing.
-
-    That is a part of the largest, unless that is of something that was known beforehand, far better than the readings
-    know anything: then they are held against what they themselves know best.
-    """
-    if largest <= _SHARP or not here.beforehand:
-        return STRUCTURAL * largest
-    known, read = here.rows[:-1, -here.beforehand :], here.rows[:-1, : -here.beforehand]
-    if np.abs(known).max(initial=0.0) <= 0.5 * largest:
-        return STRUCTURAL * largest
-    best = float(np.sqrt((read * read).sum(axis=1).max(initial=0.0)))
-    rounding = len(read) * float(np.finfo(np.float64).eps) * largest
-    return max(STRUCTURAL * max(best, _SHARP), rounding)
-
-
-def with_others(here: Evaluation, places: Sequence[int], moved: Sequence[float]) -> tuple[FloatArray, float]:
-    """The step of all entries as some move by so much, and by how much the others then lower the cost.
-
-    Along directions of which the readings say nothing the others stay.
-    """
-    triangle, right = here.triangle[:, :-1], here.triangle[:, -1]
-    step = np.zeros(triangle.shape[1])
-    step[places] = moved
-    right = right + triangle @ step
-    kept = np.ones(len(step), dtype=bool)
-    kept[places] = False
-    columns = triangle[:, kept]
-    size = np.sqrt((columns * columns).sum(axis=0))
-    size[size == 0.0] = 1.0
-    left, singular, directions = np.linalg.svd(columns / size, full_matrices=False)
-    seen = singular > STRUCTURAL * singular.max(initial=0.0)
-    turned = left.T[seen] @ right
-    step[kept] = -(directions[seen].T @ (turned / singular[seen])) / size
-    return step, float(turned @ turned)
 
 
 def descend(

@@ -11,7 +11,8 @@ import numpy as np
 
 from ipmclab.identification.problem.problem import Evaluation, Problem
 from ipmclab.identification.problem.response import CircuitResponder
-from ipmclab.identification.search.solve import THERE, Pinned, Solution, descend, with_others
+from ipmclab.identification.search.solve import THERE, Pinned, Solution, descend
+from ipmclab.identification.search.tangent import with_others
 from ipmclab.run import FloatArray
 
 _FARTHEST: Final = 7.0  # a factor of a thousand: beyond it an interval is called open
