@@ -25,6 +25,8 @@ _FLAT: Final = 0.3  # part of a height below which a point lies in a plain
 _WALL: Final = 3.0  # times a height, beyond which a point lies behind a wall
 _APART: Final = 1e-5  # of an entry, between which a derivative is taken
 _SETTLED: Final = 5e-3  # of the threshold: what a further step of the others would still lower the cost by
+_HARDLY: Final = 0.1  # of an excess: less moves its root by a twentieth
+_AT_BOUND: Final = 1e-3  # of an entry: nearer to its bound it stays there
 _LOST: Final = 3  # points of one side at which the others found no minimum, from which on nobody follows it
 
 
@@ -227,6 +229,12 @@ def held_at(
     theta, here, cost = whole.theta, whole.evaluation, whole.evaluation.cost - promised
     spared = problem.spared(theta) - problem.spared(solution.theta)
     excess = cost - spared - solution.evaluation.cost
+    if not is_found:
+        # How a search ends hangs on its last digits: where a further step beside the bounds promises next to nothing,
+        # it has come as far as it had to.
+        bounds = np.flatnonzero(np.minimum(theta - problem.lower, problem.upper - theta) < _AT_BOUND)
+        held = sorted({place, *bounds.tolist()})
+        is_found = with_others(here, held, [0.0] * len(held))[1] <= _HARDLY * excess
     return Point(entry, float(np.sqrt(max(excess, 0.0))), theta, here, is_found) if np.isfinite(excess) else None
 
 
