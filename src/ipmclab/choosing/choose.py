@@ -19,7 +19,7 @@ from ipmclab.choosing.held_out import (
     hold_out,
     score_blocks,
 )
-from ipmclab.choosing.models import free_of, named_models, refuse_unknown, words_of
+from ipmclab.choosing.models import FEWEST, free_of, named_models, refuse_unknown, words_of
 from ipmclab.choosing.ranking import none_compared, ranked_choice
 from ipmclab.choosing.stages_shown import shown_in_one, stages_apart, stages_held
 from ipmclab.engine import Engine, Here
@@ -40,7 +40,6 @@ FOLDS: Final = 6
 """Parts in which blocks are held out together."""
 
 Tell = Callable[[str, int, int], None]
-_FEWEST: Final = 2  # models that are a comparison
 
 _FAULTS: Final = (ArithmeticError, ValueError, np.linalg.LinAlgError)
 """What a fit of an unsuitable model may end in, besides our own errors."""
@@ -156,7 +155,7 @@ def choose(
             else:
                 candidates[name], said[name] = _judged(candidates[name], parts, division, apart[name])
     except KeyboardInterrupt:
-        if len(said) < _FEWEST:
+        if len(said) < FEWEST:
             raise
         candidates |= {
             name: replace(one, reason=UNFINISHED, log_predictive=None)

@@ -16,6 +16,9 @@ from ipmclab.model.environment.age import AGE
 from ipmclab.model.kinds import stage_groups
 from ipmclab.model.variants import stage_names, with_stages
 
+FEWEST: Final = 2
+"""Models that are a comparison."""
+
 _FURTHER: Final = re.compile(r"\d{1,3}")
 
 _NOT_TOGETHER: Final = frozenset({"leak-in-modes", "no-form", "no-modes", "two-forms"})
@@ -75,7 +78,7 @@ def named_models(
         raise InputError(
             f"two models are called {twice!r}", code="same-model-twice", where="models", repair="give each model once"
         )
-    if len(named) < 2:
+    if len(named) < FEWEST:
         raise InputError(
             f"{len(named)} model was given" if named else "no models were given",
             code="no-models",

@@ -76,16 +76,16 @@ class RowMarks(Tabled):
         if self.channel not in run.channels:
             return None
         here = _checks(run.channels[self.channel])
-        found = [np.flatnonzero(here == np.uint64(int(check, 16))) - row for row, check in self._each()]
+        found = [
+            np.flatnonzero(here == np.uint64(int(check, 16))) - row
+            for row, check in zip(self.at, self.checks, strict=True)
+        ]
         shifts = Counter(int(shift) for of_mark in found for shift in of_mark)
         shift, again = max(shifts.items(), key=lambda one: one[1], default=(0, 0))
         wanted = sum(0 <= row + shift < len(here) for row in self.at)
         if again < _FEWEST or 2 * again < wanted:
             return None
         return max(0, shift), min(len(run), self.rows + shift)
-
-    def _each(self) -> Iterable[tuple[int, str]]:
-        return zip(self.at, self.checks, strict=True)
 
 
 def shared_rows(marks: Iterable[RowMarks], run: Run) -> tuple[int, int] | None:

@@ -30,7 +30,9 @@ PATIENCE: Final = 30
 
 _HARDLY_FALLS: Final = 0.1  # of chi-square: less than readings tell
 _UNFELT: Final = 1e-30  # of the largest derivative: far below the rounding of a sum of squares
-_NEAR: Final = 1e-3  # of a logarithm or a scale: an entry that near to its bound, and pressing on it, is at its bound
+AT_BOUND: Final = 1e-3
+"""Of a logarithm or a scale: an entry that near to its bound says no more than that it is there."""
+
 _ASIDE: Final = 1e-6  # so far inside the bound it stays
 
 THERE: Final = "the parameters stopped moving"
@@ -250,8 +252,8 @@ def _step_beside_bounds(problem: Solvable, theta: FloatArray, here: Evaluation) 
     """A Gauss-Newton step that leaves no bound, and its length in standard errors."""
     step, _ = gauss_newton(here)
     trial = theta + step
-    low = (trial < problem.lower + _ASIDE) & (theta < problem.lower + _NEAR)
-    high = (trial > problem.upper - _ASIDE) & (theta > problem.upper - _NEAR)
+    low = (trial < problem.lower + _ASIDE) & (theta < problem.lower + AT_BOUND)
+    high = (trial > problem.upper - _ASIDE) & (theta > problem.upper - AT_BOUND)
     held = low | high
     if held.any():
         aside = np.where(low, problem.lower + _ASIDE, np.where(high, problem.upper - _ASIDE, theta)) - theta

@@ -11,7 +11,7 @@ import numpy as np
 
 from ipmclab.identification.problem.problem import Evaluation, Problem
 from ipmclab.identification.problem.response import CircuitResponder
-from ipmclab.identification.search.solve import THERE, Pinned, Solution, descend
+from ipmclab.identification.search.solve import AT_BOUND, THERE, Pinned, Solution, descend
 from ipmclab.identification.search.tangent import with_others
 from ipmclab.run import FloatArray
 
@@ -26,7 +26,6 @@ _WALL: Final = 3.0  # times a height, beyond which a point lies behind a wall
 _APART: Final = 1e-5  # of an entry, between which a derivative is taken
 _SETTLED: Final = 5e-3  # of the threshold: what a further step of the others would still lower the cost by
 _HARDLY: Final = 0.1  # of an excess: less moves its root by a twentieth
-_AT_BOUND: Final = 1e-3  # of an entry: nearer to its bound it stays there
 _LOST: Final = 3  # points of one side at which the others found no minimum, from which on nobody follows it
 
 
@@ -215,8 +214,8 @@ def held_at(
     """
     settled = _SETTLED * threshold
     pinned = Pinned(problem, place, entry)
-    # An edge that crosses a row makes a kink, beyond which the others may do better. A circuit alone affords to look.
     is_found = True
+    # An edge that crosses a row makes a kink, beyond which the others may do better. A circuit alone affords to look.
     is_kinked = any(unknown.base == "observation.delay" for unknown in problem.unknowns)
     if is_kinked and isinstance(problem.responder, CircuitResponder):
         found, promised = descend(pinned, np.delete(warm.theta, place), evaluations=60, tolerance=_NEAR), 0.0
@@ -232,7 +231,7 @@ def held_at(
     if not is_found:
         # How a search ends hangs on its last digits: where a further step beside the bounds promises next to nothing,
         # it has come as far as it had to.
-        bounds = np.flatnonzero(np.minimum(theta - problem.lower, problem.upper - theta) < _AT_BOUND)
+        bounds = np.flatnonzero(np.minimum(theta - problem.lower, problem.upper - theta) < AT_BOUND)
         held = sorted({place, *bounds.tolist()})
         is_found = with_others(here, held, [0.0] * len(held))[1] <= _HARDLY * excess
     return Point(entry, float(np.sqrt(max(excess, 0.0))), theta, here, is_found) if np.isfinite(excess) else None

@@ -203,20 +203,22 @@ def _minima(seen: MotionSeries, count: int) -> list[PoleFit]:
 
 def _beyond(seen: MotionSeries, common: FloatArray) -> Iterator[tuple[int, float]]:
     """The series whose slope is none that its rows at 0 V allow, and the nearest one that is."""
-    column = 0
-    for k, (run, (record, output)) in enumerate(zip(seen.series, seen.labels, strict=True)):
-        column += 1
-        if not _may_drift(record, output):
-            continue
-        slope = float(common[column]) / float(run.time[-1])
-        column += 1
+    for (k, is_slope), weight in zip(_columns(seen), common, strict=True):
+        slope = float(weight) / float(seen.series[k].time[-1])
+        record, output = seen.labels[k]
         largest = record.largest_drift(output) / seen.scales[k]
-        if abs(slope) > largest:
+        if is_slope and abs(slope) > largest:
             yield k, math.copysign(largest, slope)
 
 
-def _may_drift(record: PreparedRun, output: str) -> bool:
-    return ("drift", output) in record.unsettled
+def _columns(seen: MotionSeries, without: Container[int] = ()) -> list[tuple[int, bool]]:
+    """Of each column that sensors add the series, and whether it is a slope."""
+    return [
+        (k, is_slope)
+        for k, (record, output) in enumerate(seen.labels)
+        for is_slope in (False, True)
+        if not is_slope or (("drift", output) in record.unsettled and k not in without)
+    ]
 
 
 def sensors(seen: MotionSeries, *, without: Container[int] = ()) -> FloatArray:
@@ -232,21 +234,13 @@ def sensors(seen: MotionSeries, *, without: Container[int] = ()) -> FloatArray:
     -------
     columns : float array, shape (n_column, n_total)
     """
-    series, labels = seen.series, seen.labels
-    total = sum(len(run.time) for run in series)
-    columns = []
-    begin = 0
-    for k, (run, (record, output)) in enumerate(zip(series, labels, strict=True)):
-        end = begin + len(run.time)
-        shapes = [np.ones(len(run.time))]
-        if _may_drift(record, output) and k not in without:
-            shapes.append(run.time / run.time[-1])
-        for shape in shapes:
-            column = np.zeros(total)
-            column[begin:end] = shape
-            columns.append(column)
-        begin = end
-    return np.array(columns)
+    ends = np.cumsum([0, *(len(run.time) for run in seen.series)])
+    what = _columns(seen, without)
+    columns = np.zeros((len(what), ends[-1]))
+    for column, (k, is_slope) in zip(columns, what, strict=True):
+        time = seen.series[k].time
+        column[ends[k] : ends[k + 1]] = time / time[-1] if is_slope else 1.0
+    return columns
 
 
 def _stiffness(found: PoleFit, pressing: Sequence[SearchedRun]) -> float:
