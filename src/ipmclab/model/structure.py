@@ -147,6 +147,11 @@ class Structure:
         return not (self.leak or self.clamp or self.line or any(kind.electrical for kind, _ in self.further))
 
     @property
+    def is_linear(self) -> bool:
+        """Whether outputs are linear in the voltage and in the state at the start."""
+        return not (self.leak or self.laser)
+
+    @property
     def takes_arrays(self) -> bool:
         """Whether its stages compute with arrays, one value for each of many parameter sets, as with numbers."""
         return not (self.clamp or self.line or self.further)

@@ -188,6 +188,18 @@ class Problem:
         return Evaluation(rows, here.beforehand)
 
     @cached_property
+    def linear(self) -> Mask:
+        """Which unknowns move the residuals by as much wherever all others are, and have no bounds.
+
+        What sensors add does, and the start of a strip whose model is linear; a reading that is only a bound hangs on
+        where the model is.
+        """
+        if any(reading.has_bounds for record in self.records for reading in record.readings.values()):
+            return np.zeros(len(self.unknowns), dtype=bool)
+        kinds = [one.is_of_sensor or (one.is_start and self.responder.is_linear) for one in self.unknowns]
+        return np.asarray(np.array(kinds, dtype=bool) & ~np.isfinite(self.upper - self.lower))
+
+    @cached_property
     def floors(self) -> dict[tuple[int, str], float]:
         """Noise below which readings cannot be distinguished from the rounding of the model [SI]."""
         return {

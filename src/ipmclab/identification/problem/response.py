@@ -25,6 +25,10 @@ FloatArray = npt.NDArray[np.float64]
 class Responder(Protocol):
     """Computes a run's outputs and their derivatives."""
 
+    @property
+    def is_linear(self) -> bool:
+        """Whether outputs are linear in the voltage and in where a run starts."""
+
     def for_means(self) -> Responder:
         """The same for means of the rows, with nothing kept of these."""
 
@@ -113,6 +117,11 @@ class CircuitResponder:
         self._seen: dict[object, tuple[Admittance, FloatArray]] = {}
         self._chains: dict[object, FloatArray] = {}
         self._moved: dict[int, tuple[object, FloatArray]] = {}
+
+    @property
+    def is_linear(self) -> bool:
+        """It is."""
+        return True
 
     def _circuit(
         self, record: PreparedRun, values: Mapping[str, float], names: Sequence[str]
@@ -212,6 +221,11 @@ class ActuatorResponder:
         self._bases: dict[int, FloatArray] = {}
         self._latest: tuple[object, Actuator] | None = None
         self._kept: Kept | None = None
+
+    @property
+    def is_linear(self) -> bool:
+        """Without a leak, and without a laser that a strip far bent leaves."""
+        return self._actuator.structure.is_linear
 
     def for_means(self) -> ActuatorResponder:
         """One that has seen no rows; starts are told in the same directions."""

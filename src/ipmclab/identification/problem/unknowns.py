@@ -115,6 +115,11 @@ class Unknown:
         return self.base.startswith(_START)
 
     @property
+    def is_of_sensor(self) -> bool:
+        """Whether a sensor adds it to its readings: a zero or a slope."""
+        return self.base.startswith(("observation.offset.", "observation.drift."))
+
+    @property
     def limits(self) -> tuple[float, float]:
         """Bounds of the entry."""
         return self.entry(self.lower), self.entry(self.upper)

@@ -21,7 +21,8 @@ import numpy.typing as npt
 
 from ipmclab.identification.problem.problem import Evaluation, Problem
 from ipmclab.identification.search.branch_times import BranchTimes
-from ipmclab.identification.search.solve import Solution, Solvable, descend, minimise
+from ipmclab.identification.search.projected import Solvable
+from ipmclab.identification.search.solve import Solution, descend, minimise
 from ipmclab.identification.search.tangent import entry_errors
 from ipmclab.identification.search.valleys import EVALUATIONS, NEAR, SURELY_SOMEWHERE, Place
 from ipmclab.model.stages.circuit import Circuit, branch_names
@@ -48,6 +49,7 @@ class Tied:
         lower[free] = max(lower[free], total - upper[tied])
         upper[free] = min(upper[free], total - lower[tied])
         self.lower, self.upper = np.delete(lower, tied), np.delete(upper, tied)
+        self.linear = np.delete(problem.linear, tied)
 
     def full(self, theta: FloatArray) -> FloatArray:
         """The vector of the whole problem."""

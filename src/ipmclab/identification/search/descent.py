@@ -194,13 +194,16 @@ def at_floor(problem: Problem, solution: Solution, noise: Noise) -> bool:
 
 def weigh(problem: Problem, solution: Solution) -> tuple[Problem, Solution]:
     """Take the weights from the residuals until they no longer change; the minimum under them, to the last digits."""
+    left = LONGEST
     for _ in range(6):
         noise = found_noise(problem, solution)
         if max(abs(noise[key] / problem.noise[key] - 1.0) for key in noise) < _SAME_NOISE:
             break
         weighed = problem.with_noise(noise)
         here = problem.weighed(solution.theta, solution.evaluation, noise)
-        again = minimum_near(weighed, solution.theta, here)
+        # Weights move the minimum by little: what one search does not reach, six in a row need not either.
+        again = minimum_near(weighed, solution.theta, here, evaluations=max(left, SHORTLY))
+        left -= again.evaluations
         spent = again.evaluations + solution.evaluations
         # Where a search under the weights before was left is only a start: this one has its own end.
         problem, solution = weighed, replace(again, evaluations=spent)

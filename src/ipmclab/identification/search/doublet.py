@@ -54,7 +54,9 @@ def has_doublet(values: Mapping[str, float]) -> bool:
     return any(abs(zero - pole) < _BESIDE * pole for pole in (fast, p2 / fast))
 
 
-def without_doublet(problem: Problem, solution: Solution, other: Solution, actuator: Actuator) -> Rival | None:
+def without_doublet(
+    lowest: tuple[Problem, Solution], higher: tuple[Problem, Solution], actuator: Actuator
+) -> Rival | None:
     """Another minimum, where the readings tell the solution from it by a doublet alone that need not be there.
 
     Both are compared with the circuit that is held moved as far as it may be off: by its stated uncertainty (together
@@ -62,15 +64,14 @@ def without_doublet(problem: Problem, solution: Solution, other: Solution, actua
 
     Parameters
     ----------
-    problem : Problem
-    solution : Solution
-        The lowest minimum.
-    other : Solution
+    lowest, higher : pair of Problem and Solution
+        The two minima, each with its problem: starting amplitudes may be as many as its own start tells apart.
     actuator : Actuator
         With the uncertainties that are stated.
     """
+    (problem, solution), (its, other) = lowest, higher
     place = problem.records[0].place
-    if not has_doublet(problem.values(solution.theta, place)) or has_doublet(problem.values(other.theta, place)):
+    if not has_doublet(problem.values(solution.theta, place)) or has_doublet(its.values(other.theta, place)):
         return None
     free = {unknown.base for unknown in problem.unknowns}
     known = actuator.parameter_values
@@ -81,10 +82,10 @@ def without_doublet(problem: Problem, solution: Solution, other: Solution, actua
     }
     off = _may_be_off(actuator, held)
     variance = solution.evaluation.cost / len(solution.evaluation.residual)
-    costs = [_loosened(problem, one, list(held), off, variance) for one in (solution, other)]
+    costs = [_loosened(of, one, list(held), off, variance) for of, one in (lowest, higher)]
     if costs[1] - costs[0] > SURELY_SOMEWHERE * variance:
         return None
-    return Rival.of(problem, other.theta, entry_errors(other.evaluation) * math.sqrt(variance * SURE))
+    return Rival.of(its, other.theta, entry_errors(other.evaluation) * math.sqrt(variance * SURE))
 
 
 def _may_be_off(actuator: Actuator, held: Mapping[str, float]) -> FloatArray:

@@ -113,8 +113,9 @@ def _search(
         if other.theta is not solution.theta and other.evaluation.cost <= allowed
     ]
     if set(COUPLING) <= set(names.shared):
-        higher = [(of, other) for of, other in tried if other.evaluation.cost > allowed]
-        rivals += [r for of, other in higher if (r := without_doublet(of, solution, other, actuator)) is not None]
+        lowest_one = problem, solution
+        higher = [one for one in tried if one[1].evaluation.cost > allowed]
+        rivals += [r for one in higher if (r := without_doublet(lowest_one, one, actuator)) is not None]
     ends = [Rival.of(of, other.theta) for of, other in tried] if explore else []
     walked = Valley(problem, solution, tuple(valley))
     return problem, solution, Minima(tuple(rivals), allowed_places(problem, solution, valley), tuple(ends), walked)

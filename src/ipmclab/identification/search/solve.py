@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Final, Protocol
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
 from ipmclab.identification.problem.problem import Evaluation, Problem
+from ipmclab.identification.search.projected import Projected, Searched, Solvable
 from ipmclab.identification.search.tangent import gauss_newton, null_directions, with_others
 
 FloatArray = npt.NDArray[np.float64]
@@ -46,22 +47,13 @@ _REASONS: Final = {
 }
 
 
-class Solvable(Protocol):
-    """What can be minimised: weighted residuals inside bounds."""
-
-    lower: FloatArray
-    upper: FloatArray
-
-    def evaluate(self, theta: FloatArray) -> Evaluation:
-        """Residuals and Jacobian."""
-
-
 class Pinned:
     """A problem with one entry held."""
 
     def __init__(self, problem: Solvable, place: int, entry: float) -> None:
         self._problem, self._place, self._entry = problem, place, entry
         self.lower, self.upper = np.delete(problem.lower, place), np.delete(problem.upper, place)
+        self.linear = np.delete(problem.linear, place)
         self._latest: tuple[bytes, Evaluation] | None = None
 
     def evaluate(self, theta: FloatArray) -> Evaluation:
@@ -88,9 +80,8 @@ class Pinned:
         promised : float
             By how much a further step would lower the cost.
         """
-        # Of what has no bounds (a zero, a slope, a start) the answer is linear: derivatives lead anywhere.
         lower, upper = self._problem.lower, self._problem.upper
-        farthest = np.where(np.isfinite(upper - lower), FARTHEST_STEP, np.inf)
+        farthest = _farthest(self._problem)
         best = theta.copy()
         best[self._place] = self._entry
         lowest, left, spent = np.inf, np.inf, 0
@@ -136,7 +127,7 @@ class Shifted:
 
     def __init__(self, problem: Solvable, shift: FloatArray) -> None:
         self._problem, self._shift = problem, shift
-        self.lower, self.upper = problem.lower, problem.upper
+        self.lower, self.upper, self.linear = problem.lower, problem.upper, problem.linear
 
     def evaluate(self, theta: FloatArray) -> Evaluation:
         """Residuals and Jacobian."""
@@ -180,12 +171,13 @@ def polish(problem: Solvable, theta: FloatArray, here: Evaluation | None = None)
     spent = 0
     if here is None:
         here, spent = problem.evaluate(theta), 1
+    farthest = _farthest(problem)
     for _ in range(MOST_STEPS):
         step, expected = gauss_newton(here)
         if expected <= max(NEGLIGIBLE, NOTHING * here.cost):
             return Solution(theta, here, True, _REASONS[1], spent)
         trial = theta + step
-        if not _is_inside(problem, trial) or np.abs(step).max() > FARTHEST_STEP:
+        if not _is_inside(problem, trial) or (np.abs(step) > farthest).any():
             return None
         there = problem.evaluate(trial)
         spent += 1
@@ -217,7 +209,7 @@ def settled_beside_unfelt(problem: Solvable, solution: Solution) -> Solution:
         _step_beside_bounds(problem, solution.theta, solution.evaluation)[0] if len(solution.theta) else solution.theta
     )
     trial = solution.theta + step
-    is_far = (np.abs(step) > FARTHEST_STEP) & np.isfinite(problem.upper - problem.lower)
+    is_far = np.abs(step) > _farthest(problem)
     is_far |= (trial < problem.lower) | (trial > problem.upper)
     if not is_far.any():
         return solution
@@ -266,6 +258,11 @@ def _step_beside_bounds(problem: Solvable, theta: FloatArray, here: Evaluation) 
         return step, np.inf  # a bound lies between: the search has said what there is to say
     scale = np.sqrt(max(here.cost / max(len(here.residual) - len(theta), 1), 1e-300))
     return step, float(np.linalg.norm(here.triangle[:, :-1] @ step)) / scale
+
+
+def _farthest(problem: Solvable) -> FloatArray:
+    """How far derivatives lead: anywhere where the answer is linear."""
+    return np.where(problem.linear, np.inf, FARTHEST_STEP)
 
 
 def _is_inside(problem: Solvable, theta: FloatArray) -> bool:
@@ -350,10 +347,34 @@ def minimise(
     patience : int, optional
         The search also ends where so many evaluations lower the cost by less than 0.1 of chi-square.
     """
+    finite = np.isfinite(problem.upper - problem.lower)
+    # A wide range is no reason to start far from its end.
+    margin = np.minimum(np.where(finite, 1e-6 * np.where(finite, problem.upper - problem.lower, 0.0), 0.0), 1e-4)
+    inside = np.clip(theta, problem.lower + margin, problem.upper - margin)
+    limits = _Limits(evaluations, tolerance, patience)
+    if not problem.linear.any():
+        return _trust_region(problem, inside, here if np.array_equal(inside, theta) else None, limits)
+    others = Projected(problem, inside)
+    found = _trust_region(others, inside[~problem.linear], None, limits)
+    point, last = others.in_full(found.theta)
+    return replace(found, theta=point, evaluation=last, evaluations=others.evaluations)
+
+
+@dataclass(frozen=True)
+class _Limits:
+    """When a search ends, as ``minimise`` is asked."""
+
+    evaluations: int
+    tolerance: float
+    patience: int | None
+
+
+def _trust_region(problem: Searched, inside: FloatArray, here: Evaluation | None, limits: _Limits) -> Solution:
+    """SciPy's TRF from a point inside the bounds."""
     from scipy.optimize import least_squares
 
-    kept: dict[bytes, Evaluation] = {} if here is None else {theta.tobytes(): here}
-    fallen = _Fallen(patience)
+    kept: dict[bytes, Evaluation] = {} if here is None else {inside.tobytes(): here}
+    fallen = _Fallen(limits.patience)
 
     def at(point: FloatArray) -> Evaluation:
         key = point.tobytes()
@@ -363,10 +384,6 @@ def minimise(
             fallen.to(point, kept[key])
         return kept[key]
 
-    finite = np.isfinite(problem.upper - problem.lower)
-    # A wide range is no reason to start far from its end.
-    margin = np.minimum(np.where(finite, 1e-6 * np.where(finite, problem.upper - problem.lower, 0.0), 0.0), 1e-4)
-    inside = np.clip(theta, problem.lower + margin, problem.upper - margin)
     felt = _felt(at(inside).jacobian)
 
     def whole(part: FloatArray) -> FloatArray:
@@ -384,10 +401,10 @@ def minimise(
             jac=lambda part: at(whole(part)).triangle[:, :-1][:, felt],
             bounds=(problem.lower[felt], problem.upper[felt]),
             x_scale="jac",
-            ftol=tolerance,
-            xtol=tolerance,
-            gtol=tolerance,
-            max_nfev=evaluations,
+            ftol=limits.tolerance,
+            xtol=limits.tolerance,
+            gtol=limits.tolerance,
+            max_nfev=limits.evaluations,
         )
     except _HardlyFalls:
         return Solution(*fallen.lowest, True, _REASONS[2], len(fallen.costs))

@@ -1,0 +1,93 @@
+"""Variable projection in a search: what enters linearly is at its best for all else (Golub and Pereyra, 1973)."""
+
+from __future__ import annotations
+
+from typing import Final, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.identification.problem.problem import Evaluation
+from ipmclab.identification.search.tangent import STRUCTURAL
+
+FloatArray = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+
+
+_AT_BEST: Final = 1e-3
+"""Of chi-square: linear entries that could lower the cost by no more are at their best for what the others do."""
+
+
+class Searched(Protocol):
+    """What can be searched: weighted residuals inside bounds."""
+
+    lower: FloatArray
+    upper: FloatArray
+
+    def evaluate(self, theta: FloatArray) -> Evaluation:
+        """Residuals and Jacobian."""
+
+
+class Solvable(Searched, Protocol):
+    """What can be minimised: the same, and which entries are linear whatever the others are; these have no bounds."""
+
+    @property
+    def linear(self) -> Mask:
+        """Of each entry."""
+
+
+class Projected:
+    """A problem without the entries that enter linearly.
+
+    The residual is exact wherever these stand, for what they can follow is taken out of it. The derivatives of the
+    others hang on where they stand: Kaufman's part of the exact ones, with the linear entries followed from the last
+    point and, where that leaves them away from their best, the model asked once more.
+
+    Parameters
+    ----------
+    problem : Solvable
+    theta : float array, shape (n_unknown,)
+        A point of it, from whose linear entries the search starts.
+    """
+
+    def __init__(self, problem: Solvable, theta: FloatArray) -> None:
+        self._problem, self._linear = problem, problem.linear
+        self.lower, self.upper = problem.lower[~self._linear], problem.upper[~self._linear]
+        self._last = theta.copy()
+        self._follow: FloatArray = np.zeros((int(self._linear.sum()), len(self.lower)))
+        self._left: FloatArray = np.zeros(len(self._follow))
+        self.evaluations = 0
+
+    def evaluate(self, theta: FloatArray) -> Evaluation:
+        """Residuals and Jacobian of the others, what the linear entries can follow taken out."""
+        linear = self._linear
+        point = self._last.copy()
+        point[linear] += self._follow @ (theta - point[~linear])
+        point[~linear] = theta
+        for attempt in (True, False):
+            here = self._problem.evaluate(point)
+            self.evaluations += 1
+            rows, others = here.rows[:-1][linear], here.rows[np.append(~linear, True)]
+            if not np.isfinite(rows).all() or not np.isfinite(here.cost):
+                return Evaluation(others, here.beforehand)  # from what is not finite a search steps back
+            size = np.sqrt((rows * rows).sum(axis=1))
+            size[size == 0.0] = 1.0
+            turn, singular, basis = np.linalg.svd(rows / size[:, None], full_matrices=False)
+            kept = singular > STRUCTURAL * singular.max(initial=0.0)
+            along = others @ basis[kept].T
+            back = (turn[:, kept] / singular[kept]) / size[:, None]
+            self._left = -back @ along[-1]
+            if not attempt or along[-1] @ along[-1] <= _AT_BEST * here.cost / len(here.residual):
+                break
+            point[linear] += self._left
+        self._last, self._follow = point, -back @ along[:-1].T
+        return Evaluation(others - along @ basis[kept], here.beforehand)
+
+    def in_full(self, theta: FloatArray) -> tuple[FloatArray, Evaluation]:
+        """The point of the whole problem, the linear entries at their best, and its evaluation."""
+        if not np.array_equal(self._last[~self._linear], theta):
+            self.evaluate(theta)
+        point = self._last.copy()
+        point[self._linear] += self._left
+        self.evaluations += 1
+        return point, self._problem.evaluate(point)
