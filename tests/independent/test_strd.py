@@ -118,6 +118,7 @@ class Regression:
         self.model, self.certified = model, certified
         self.lower = np.full(len(certified.parameters), -np.inf)
         self.upper = -self.lower
+        self.linear = np.zeros(len(self.lower), dtype=bool)
 
     def evaluate(self, theta: np.ndarray) -> Evaluation:
         x, y, step = self.certified.x, self.certified.y, 1e-100

@@ -20,6 +20,7 @@ class _TwoReadingsOfThree:
     """Two readings: of the first unknown, and of the sum of both others."""
 
     lower, upper = np.full(3, -9.0), np.full(3, 9.0)
+    linear = np.zeros(3, dtype=bool)
 
     def evaluate(self, theta: np.ndarray) -> Evaluation:
         jacobian = np.array([[2.0, 0.0, 0.0], [0.0, 1.0, 1.0]])

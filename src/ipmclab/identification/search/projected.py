@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.identification.problem.problem import Evaluation
-from ipmclab.identification.search.tangent import STRUCTURAL
+from ipmclab.identification.search.tangent import STRUCTURAL, UNFELT
 
 FloatArray = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -70,12 +70,13 @@ class Projected:
             rows, others = here.rows[:-1][linear], here.rows[np.append(~linear, True)]
             if not np.isfinite(rows).all() or not np.isfinite(here.cost):
                 return Evaluation(others, here.beforehand)  # from what is not finite a search steps back
-            size = np.sqrt((rows * rows).sum(axis=1))
-            size[size == 0.0] = 1.0
+            size = np.abs(rows).max(axis=1)
+            unfelt = size <= UNFELT * np.abs(here.rows[:-1]).max()
+            size[unfelt] = np.inf
             turn, singular, basis = np.linalg.svd(rows / size[:, None], full_matrices=False)
             kept = singular > STRUCTURAL * singular.max(initial=0.0)
             along = others @ basis[kept].T
-            back = (turn[:, kept] / singular[kept]) / size[:, None]
+            back = turn[:, kept] / singular[kept] / size[:, None]
             self._left = -back @ along[-1]
             if not attempt or along[-1] @ along[-1] <= _AT_BEST * here.cost / len(here.residual):
                 break

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from ipmclab.identification.problem.problem import Evaluation, Problem
 from ipmclab.identification.search.projected import Projected, Searched, Solvable
-from ipmclab.identification.search.tangent import gauss_newton, null_directions, with_others
+from ipmclab.identification.search.tangent import UNFELT, gauss_newton, null_directions, with_others
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -30,7 +30,6 @@ PATIENCE: Final = 30
 """Evaluations in which the cost of a fit has to fall by ``_HARDLY_FALLS``: along a valley there is no last step."""
 
 _HARDLY_FALLS: Final = 0.1  # of chi-square: less than readings tell
-_UNFELT: Final = 1e-30  # of the largest derivative: far below the rounding of a sum of squares
 AT_BOUND: Final = 1e-3
 """Of a logarithm or a scale: an entry that near to its bound says no more than that it is there."""
 
@@ -440,4 +439,4 @@ class _Fallen:
 def _felt(jacobian: FloatArray) -> npt.NDArray[np.bool_]:
     """Which unknowns change a digit of the cost: a search that steps in units of another would leave all numbers."""
     sizes = np.abs(jacobian).max(axis=0, initial=0.0)
-    return np.asarray(sizes > _UNFELT * sizes.max(initial=0.0))
+    return np.asarray(sizes > UNFELT * sizes.max(initial=0.0))

@@ -15,6 +15,9 @@ FloatArray = npt.NDArray[np.float64]
 STRUCTURAL: Final = 1e-7
 """A singular value below this part of the largest is a direction that no amount of such data determines."""
 
+UNFELT: Final = 1e-30
+"""Of the largest derivative: far below the rounding of a sum of squares."""
+
 _SHARP: Final = 1e5
 """What is known that well is as good as exact: ``STRUCTURAL`` times as well is to within a factor of e^100."""
 
