@@ -105,3 +105,19 @@ def test_noise_about_zero_is_not_turned(strip: Actuator) -> None:
     run = part(read(strip), 0, "noise.nc")
     wiggles = 1e-6 * np.sin(2.0 * np.pi * run.time / 7.0)
     assert "sign-turned" not in {one.code for one in validate(strip, replace(run, displacement=wiggles)).findings}
+
+
+def test_a_sensor_that_drifts_is_called_so(strip: Actuator) -> None:
+    """The fit had the drift, the prediction has none: "the strip or its state was another one" was said of it."""
+    run = part(read(strip, "step 1 V delay=20 s", 80.0), 0, "drifting.nc")
+    displacement = run.channels["displacement"]
+    slope = -3.0 * float(np.ptp(displacement)) / 80.0
+    drifting = replace(run, displacement=displacement + slope * run.time)
+    found = verdict_of(validate(strip, drifting))
+    assert {output for output, *_ in found.missed} == {"displacement"}
+    said = " ".join(found.sentences)
+    assert "The sensor of the displacement drifts in drifting.nc: its rows at 0 V show -" in said
+    assert "another one" not in said
+    # Another strip: the same drift is not what was missed.
+    other = validate(strip, replace(drifting, displacement=drifting.channels["displacement"] + 9.0 * displacement))
+    assert "another one" in " ".join(verdict_of(other).sentences)

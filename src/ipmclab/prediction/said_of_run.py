@@ -22,6 +22,8 @@ _GOOD: Final = 50.0
 """Percent of fit of minus the prediction from which on nothing but a sign explains it."""
 _AGAINST: Final = -0.9
 """Cosine between readings and prediction below which they lie on opposite sides of rest."""
+_MOSTLY: Final = 0.5
+"""Of what was missed, that a drift leaves where it is the cause."""
 
 
 def begins_under_voltage(one: RunValidation) -> bool:
@@ -50,6 +52,28 @@ def turned_outputs(one: RunValidation) -> tuple[str, ...]:
         and score.fit_percent <= 0.0
         and _is_turned(one.comparisons[name], shown=name in opposite)
     )
+
+
+def drifting_outputs(one: RunValidation) -> dict[str, float]:
+    """The outputs that were missed because their sensor drifts, and its slope in the rows at 0 V [SI/s].
+
+    Without that slope less than half of what was missed is left. A prediction has no drift: how a sensor drifts in a
+    run says nothing of another.
+    """
+    if one.used_in_fit:
+        return {}
+    slopes = {f.channel: f.values["slope"] for f in check(one.run) if f.code == "drift-before-step"}
+    found = {}
+    for name, score in one.scores.items():
+        slope = slopes.get(name)
+        if slope is None or score.fit_percent is None or score.fit_percent > 0.0:
+            continue
+        used = one.comparisons[name].used
+        missed = (one.comparisons[name].measured - one.comparisons[name].predicted)[used]
+        drifted = float(slope) * (one.run.time - one.run.time[0])[used]
+        if np.linalg.norm(missed - drifted) < _MOSTLY * np.linalg.norm(missed):
+            found[name] = float(slope)
+    return found
 
 
 def _is_turned(comparison: Comparison, *, shown: bool) -> bool:

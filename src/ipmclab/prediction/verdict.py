@@ -13,7 +13,7 @@ from ipmclab.identification.environment.remarks import EXTRAPOLATED
 from ipmclab.model import Actuator
 from ipmclab.prediction.open_coupling import NOT_IDENTIFIED
 from ipmclab.prediction.run_validation import RunValidation
-from ipmclab.prediction.said_of_run import begins_under_voltage, turned_outputs
+from ipmclab.prediction.said_of_run import begins_under_voltage, drifting_outputs, turned_outputs
 from ipmclab.prediction.scores import fit_in_words, score
 from ipmclab.prediction.validate import Validation
 from ipmclab.units import CHANNELS
@@ -151,7 +151,15 @@ def _causes(fresh: Sequence[RunValidation], missed: Sequence[tuple[str, str, flo
             f"{_listed(begin)} {'begins' if len(begin) == 1 else 'begin'} under voltage, and the prediction from rest: "
             "the state at the start is not known, and the beginning cannot be predicted."
         )
-    others = [one for one in missed if one[1] not in begin and one[:2] not in turned]
+    drifting = {(output, one.label): (one, slope) for one in fresh for output, slope in drifting_outputs(one).items()}
+    for (output, label), (one, slope) in drifting.items():
+        channel, length = CHANNELS[output], float(one.run.time[-1] - one.run.time[0])
+        said.append(
+            f"The sensor of the {channel.name} drifts in {label}: its rows at 0 V show "
+            f"{channel.to_display(slope):.3g} {channel.display_unit}/s, {channel.to_display(abs(slope) * length):.3g} "
+            f"{channel.display_unit} over the record. That is most of what was missed, and no prediction has a drift."
+        )
+    others = [one for one in missed if one[1] not in begin and one[:2] not in {*turned, *drifting}]
     if others:
         said.append(
             f"{'Elsewhere the' if said else 'The'} strip or its state was another one (water, contact, temperature), "

@@ -149,10 +149,29 @@ class PreparedRun:
     state: RunState | None = None
     """Water, temperature and dose, where the actuator has laws that it follows."""
 
-    def largest_drift(self, output: str) -> float:
-        """By how much a sensor drifts at most, where the strip moves in the rows at 0 V that show a slope [SI/s]."""
-        rest = self.shown.get(("drift", output)) if self.start == "free" else None  # else they show the sensor alone
-        return math.inf if rest is None else abs(rest.value) + _SURELY * rest.error
+    def drift_limits(self, output: str) -> tuple[float, float]:
+        """Between which slopes a sensor drifts, where the rows at 0 V show one [SI/s].
+
+        They show the sensor alone, unless the strip moves in them: then it drifts by no more than what is seen. What a
+        line leaves of these rows may be a walk, whose slope over them is none over the record. Were all of the change
+        over a quarter of the rows a walk, of which a slope over T has the variance 6 q^2/(5 T), this is the error.
+        """
+        rest = self.shown.get(("drift", output))
+        if rest is None:
+            return -math.inf, math.inf
+        if self.start == "free":
+            largest = abs(rest.value) + _SURELY * rest.error
+            return -largest, largest
+        rows = np.flatnonzero(self.readings[output].exact[: self.resting])
+        lag = len(rows) // 4
+        walked = 0.0
+        if lag:
+            time, values = self.run.time[rows], self.readings[output].values[rows]
+            left = values - rest.value * time
+            strays = float(np.mean((left[lag:] - left[:-lag]) ** 2)) / float(time[lag] - time[0])
+            walked = math.sqrt(1.2 * strays / float(time[-1] - time[0]))
+        reach = _SURELY * math.hypot(rest.error, walked)
+        return rest.value - reach, rest.value + reach
 
     @property
     def period(self) -> float:

@@ -290,10 +290,11 @@ def _of_sensors(free: FreeParameters, records: Sequence[PreparedRun]) -> list[Un
                     lower=-math.inf,
                     upper=math.inf,
                 )
-                largest = record.largest_drift(output) if what == "drift" else math.inf
-                if math.isfinite(largest) and base not in free.observation:
-                    # A slope and a slow start of the strip cancel each other to any size.
-                    own = replace(own, lower=-largest, upper=largest).known(0.0, largest / math.sqrt(3.0))
+                least, most = record.drift_limits(output) if what == "drift" else (-math.inf, math.inf)
+                if math.isfinite(most) and base not in free.observation:
+                    # A slope and what is slow in the strip cancel each other to any size.
+                    middle, half = 0.5 * (least + most), 0.5 * (most - least)
+                    own = replace(own, lower=least, upper=most).known(middle, half / math.sqrt(3.0))
                 found.append(own)
     return found
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
@@ -206,9 +205,10 @@ def _beyond(seen: MotionSeries, common: FloatArray) -> Iterator[tuple[int, float
     for (k, is_slope), weight in zip(_columns(seen), common, strict=True):
         slope = float(weight) / float(seen.series[k].time[-1])
         record, output = seen.labels[k]
-        largest = record.largest_drift(output) / seen.scales[k]
-        if is_slope and abs(slope) > largest:
-            yield k, math.copysign(largest, slope)
+        least, most = record.drift_limits(output)
+        nearest = min(max(slope, least / seen.scales[k]), most / seen.scales[k])
+        if is_slope and nearest != slope:
+            yield k, nearest
 
 
 def _columns(seen: MotionSeries, without: Container[int] = ()) -> list[tuple[int, bool]]:
