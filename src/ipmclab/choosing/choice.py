@@ -82,14 +82,13 @@ def as_close(candidates: Sequence[Candidate]) -> list[str]:
     Parameters
     ----------
     candidates : sequence of Candidate
-        That the records cannot distinguish, the best prediction first, which is always among them.
+        That the records cannot distinguish, the best prediction first: it is the answer where each misses one output.
     """
     least = {output: min(one.rmse[output] for one in candidates) for output in candidates[0].rmse}
-    return [
-        one.name
-        for one in candidates
-        if one is candidates[0] or all(one.rmse[output] <= AS_CLOSE * size for output, size in least.items())
+    near = [
+        one.name for one in candidates if all(one.rmse[output] <= AS_CLOSE * size for output, size in least.items())
     ]
+    return near or [candidates[0].name]
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,11 +177,12 @@ class Choice(Shown):
             these = [self[self.best], *alike]
             close = as_close(these)
             of = "these" if len(close) == len(these) else f"those whose RMSE is at most {AS_CLOSE:g} times the least"
-            reason = (
-                f"it has the fewest parameters of {of}"
-                if any(self[name].parameters != self[self.preferred].parameters for name in close)
-                else f"it predicted best, and none of {of} has fewer parameters"
-            )
+            if len(close) == 1:
+                reason = f"no other of these has an RMSE at most {AS_CLOSE:g} times the least"
+            elif any(self[name].parameters != self[self.preferred].parameters for name in close):
+                reason = f"it has the fewest parameters of {of}"
+            else:
+                reason = f"it predicted best, and none of {of} has fewer parameters"
             lines.append(f"{self.preferred} is preferred: {reason} ({self[self.preferred].parameters}).")
         elif len(ranked) > 1:
             lines.append(f"{self.best} predicts best, and the records distinguish it from every other model.")
