@@ -131,7 +131,7 @@ def left_open(fit: Fit, determined: Collection[str] = ()) -> Fit:
     )
 
 
-def test_a_fit_of_which_nothing_stands_predicts_voltages_like_its_own() -> None:
+def test_a_fit_of_which_hardly_anything_stands_predicts_voltages_like_its_own() -> None:
     """Slow modes that a short record does not tell apart follow it, and say nothing of another voltage."""
     fit = identify(FRIEND, noisy(np.random.default_rng(20261121), STEP), free="electrical,observation.offset.current")
     zero = "observation.offset.current[0]"
@@ -145,6 +145,13 @@ def test_a_fit_of_which_nothing_stands_predicts_voltages_like_its_own() -> None:
     lacking = replace(left_open(fit), findings=(finding("model-error"),))
     assert fit.known
     assert verdict(lacking).startswith(like_its_own)
+    # Of a model that lacks something most parameters have to stand: one with 3 of 9 followed 11 % of a longer record.
+    two, three = list(fit.parameters)[:2], list(fit.parameters)[:3]
+    assert verdict(replace(lacking, parameters=left_open(fit, two).parameters)).startswith(like_its_own)
+    most = left_open(fit, three)
+    assert not verdict(replace(lacking, parameters=most.parameters)).startswith(like_its_own)
+    at_bound = {name: replace(one, at_bound=name == three[0]) for name, one in most.parameters.items()}
+    assert verdict(replace(lacking, parameters=at_bound)).startswith(like_its_own)
     # One parameter of the strip, or what all of them leave fixed, is something.
     anything = "This fit can be used to predict the current ("
     assert verdict(replace(bare, parameters=left_open(fit, ["circuit.dc_resistivity"]).parameters)).startswith(anything)

@@ -259,19 +259,24 @@ def verdict(fit: Fit, missed: Collection[str] = ()) -> str:
         use = f"This fit follows the {what} of its own runs, but does not predict the {_listed(lost)} of others"
     elif (worst is not None and worst > _ROUGH) or any(one.code in IMPOSSIBLE for one in fit.findings):
         use = f"This fit predicts the {what} only roughly"
-    if not lost and nothing_stands(fit):
+    if not lost and hardly_stands(fit):
         use += f"{' and' if use.endswith('roughly') else ''} only for voltages and durations like those of its own runs"
     return f"{use} ({followed}); {_of_parameters(fit)}."
 
 
-def nothing_stands(fit: Fit) -> bool:
-    """Whether nothing that a fit found is known of the strip itself: such a fit follows its own records.
+def hardly_stands(fit: Fit) -> bool:
+    """Whether so little that a fit found is known of the strip itself that it follows its own records, and no more.
 
-    Parameters of an observation (a zero, a delay) belong to a record. Where all parameters exchange with each other,
-    the quantities that they leave fixed predict other voltages as well; they stand if the model holds.
+    Parameters of an observation (a zero, a delay) belong to a record, and one at its bound is not found. Of a model
+    that lacks something most of the others must be determined: what it lacks goes into those that are free to move.
+    Of any other one is enough, and where all exchange with each other, the quantities that they leave fixed predict
+    other voltages as well.
     """
     own = _of_strip(fit)
-    return bool(own) and not any(one.determined for one in own) and (not fit.known or lacks_something(fit))
+    found = sum(one.determined and not one.at_bound for one in own)
+    if lacks_something(fit):
+        return 2 * found < len(own)
+    return bool(own) and not found and not fit.known
 
 
 def _of_strip(fit: Fit) -> list[FittedParameter]:
