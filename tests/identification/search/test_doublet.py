@@ -11,7 +11,9 @@ import pytest
 
 from benchmarks.procedure import SEED, VirtualStrip
 from ipmclab import Run, identify, load_actuator
-from ipmclab.identification.search.doublet import COUPLING, _loosened, _may_be_off, has_doublet
+from ipmclab.identification.problem.problem import Evaluation
+from ipmclab.identification.search.doublet import COUPLING, _loosened, _may_be_off, has_doublet, without_doublet
+from ipmclab.identification.search.solve import Solution
 
 FRIEND = load_actuator("friend-2")
 STEPS = {
@@ -113,3 +115,34 @@ def test_a_circuit_that_an_earlier_fit_found_is_off_together(correlation: float)
     columns, right = np.linalg.solve(root, jacobian), np.linalg.solve(root, residual)
     left = right - columns @ np.linalg.lstsq(columns, right, rcond=None)[0]
     assert found == pytest.approx(float(left @ left), rel=1e-6)
+
+
+class WithStarts:
+    """A coupling seen beside some starting states, whose entries are known to a hundredth; its circuit is held."""
+
+    records = (SimpleNamespace(place=0),)
+
+    def __init__(self, zero: float, starts: int) -> None:
+        names = (*COUPLING, *(f"observation.initial_state.{number}[0]" for number in range(starts)))
+        self.unknowns = tuple(SimpleNamespace(name=name, base=name) for name in names)
+        self.base = {"circuit.dc_resistivity": FRIEND["circuit.dc_resistivity"]}
+        self.found = {"coupling.zero": zero, "coupling.p1": 2.9, "coupling.p2": 0.28}
+        rows = np.vstack([100.0 * np.eye(len(names), 40), np.full(40, 1.0)])
+        self.solution = Solution(np.zeros(len(names)), Evaluation(rows), True, "", 1)
+
+    def values(self, theta: np.ndarray, place: int) -> dict[str, float]:
+        assert (len(theta), place) == (len(self.unknowns), 0)
+        return self.found
+
+    def fixed_jacobian(self, theta: np.ndarray, names: Any) -> np.ndarray:
+        assert len(theta) == len(self.unknowns)
+        return np.zeros((40, len(names)))
+
+
+def test_minima_with_other_numbers_of_starting_states_are_compared() -> None:
+    """How many states the readings tell apart hangs on where a search begins: an index out of bounds ended a fit."""
+    beside_a_doublet: Any = WithStarts(zero=0.1, starts=2)
+    without: Any = WithStarts(zero=1.0, starts=5)
+    found = without_doublet((beside_a_doublet, beside_a_doublet.solution), (without, without.solution), FRIEND)
+    assert found is not None
+    assert found.entries.keys() == {unknown.name for unknown in without.unknowns}
