@@ -1,5 +1,6 @@
 """How the documentation is built: Sphinx with MyST, every warning an error."""
 
+import sys
 from pathlib import Path
 
 import ipmclab
@@ -11,6 +12,11 @@ _RECORDED = _DOCS.parent / "benchmarks" / "results" / "chapter_5.md"
 if not _CARRIED_OUT.exists() or _CARRIED_OUT.stat().st_mtime < _RECORDED.stat().st_mtime:
     _CARRIED_OUT.parent.mkdir(exist_ok=True)
     _CARRIED_OUT.write_text(_RECORDED.read_text(encoding="utf-8").split("\n\n", 2)[2], encoding="utf-8")
+
+sys.path.insert(0, str(_DOCS))
+import constants  # noqa: E402
+
+(_DOCS / "_build" / "constants.md").write_text(constants.page(), encoding="utf-8")
 
 project = "ipmclab"
 author = "The ipmclab developers"

@@ -49,8 +49,8 @@ _NEEDS: Final[Mapping[str, tuple[str, ...]]] = {
 }
 """What a fact of each waveform has to state."""
 
-_SAME: Final = 0.02
-_STEADY: Final = 0.1
+_SAME: Final = 0.02  # relative: numbers that are meant to be one, and what of a sine is no harmonic (convention)
+_STEADY: Final = 0.1  # of the height: a mean that a wave about 0 V has by its rounding (convention)
 
 _WARMER: Final = 1.0
 _WETTER: Final = 1.0

@@ -19,9 +19,9 @@ from ipmclab.run import Finding, FloatArray, Run
 CODE = "resonance-against-stiffness"
 NAMES = ("beam.modulus", "beam.density", "geometry.thickness", "geometry.free_length")
 
-_ROWS_OF_A_PERIOD = 8.0
-_PERIODS = 3.0
-_STANDS_OUT = 10.0
+_ROWS_OF_A_PERIOD = 8.0  # of fewer the highest may lie 8 % and more below the peak: 1 - cos(pi/8)
+_PERIODS = 3.0  # fewer do not tell a decay from a drift (convention)
+_STANDS_OUT = 10.0  # times the noise (convention)
 _LEAST_DECAY = 1e-3
 """Of the angular frequency: what moves on and on is moved."""
 

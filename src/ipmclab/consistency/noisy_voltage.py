@@ -26,7 +26,7 @@ _TELL: Final = 0.5
 
 _FEWEST: Final = 50  # rows of constant voltage, by which its scatter is known
 _ROWS: Final = 400  # of the answer to one row of voltage: its square is in the first few
-_SURE: Final = 4.0
+_SURE: Final = 4.0  # standard errors: one share in 16,000 by chance
 _NOT_ELECTRIC: Final = ("coupling.", "beam.", "relaxation.", "viscoelastic.", "laser.")
 _STEP: Final = 1e-4  # of a parameter, over which a derivative is taken
 

@@ -30,7 +30,7 @@ _READINGS: Final = 120
 """Means that a record is brought down to: noise goes, and drift is not taken for so many independent readings."""
 
 _LEAST_TRAVEL: Final = 50e-6  # [m], a fifth of the thickness of a usual strip
-_MOST_WAYS: Final = 20
+_MOST_WAYS: Final = 20  # a push in and out repeated ten times: more is no push (convention)
 _SLOWEST_RING: Final = 0.5
 """A way in or out takes longer [s] than half a period of the slowest ring."""
 

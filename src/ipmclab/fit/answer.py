@@ -49,7 +49,7 @@ _DRIFTS: Final = {
     "force": Quantity("drift of the force", "N/s", "uN/s"),
 }
 _NO_BREAK: Final = "\u00a0"
-_ALL: Final = {2: "both"}
+_ALL: Final = {2: "both"}  # the word for so many
 _SHOWN: Final = 3  # residuals that a sentence lists
 
 

@@ -8,7 +8,7 @@ from typing import Any, Final
 
 from ipmclab.fit.tables import Tabled
 
-_NAMED: Final = 2
+_NAMED: Final = 2  # parameters that a line lists (convention)
 
 
 @dataclass(frozen=True)

@@ -21,10 +21,10 @@ FloatArray = npt.NDArray[np.float64]
 
 _OLD: Final = 0.1
 """Share of the horizon beyond which the last usable reading is called old."""
-_FEW_ROWS: Final = 5
+_FEW_ROWS: Final = 5  # rows that are never called old (convention)
 _TOO_OLD: Final = 10.0
 """Seconds, or the horizon where that is longer, beyond which nothing is forecast any more."""
-_LISTED: Final = 6
+_LISTED: Final = 6  # names that a sentence lists (convention)
 
 
 def left_open(model: Actuator | Fit | None, channel: str) -> tuple[str, ...]:

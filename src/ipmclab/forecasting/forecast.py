@@ -21,6 +21,7 @@ from ipmclab.run import Run
 __all__ = ["Forecast", "forecast", "with_slow_modes"]
 
 FEWEST_ORIGINS: Final = 10
+"""Past forecasts from which their misses are told (convention)."""
 
 
 def with_slow_modes(

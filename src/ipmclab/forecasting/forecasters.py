@@ -22,16 +22,18 @@ FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]
 
 TIME_CONSTANTS: Final = (1.0, 3.0, 10.0, 30.0, 100.0)
+"""Half a decade apart, over which voltages act [s] (convention)."""
+
 DRIFT_TIME: Final = 100.0  # s in which a drift is thought to do what a lag does
-LINE_SPAN: Final = 5.0  # s
+LINE_SPAN: Final = 5.0  # s through which a line is drawn (convention)
 CHANGE: Final = 1.0  # s from one reading to the next of which a change is taken
 LEARNT: Final = 2.0 * CHANGE
 """Seconds after the first reading before anything is forecast."""
-_PER_HORIZON: Final = 50
+_PER_HORIZON: Final = 50  # past forecasts in a horizon: neighbours say the same (convention)
 HORIZONS: Final = 5.0 * MEMORY
 """Horizons after which a miss is left out, five memories: it would count less than 1 %."""
-_TURNS: Final = 3
-_LEAST_PRIOR: Final = 1e-10
+_TURNS: Final = 3  # of variance and coefficients, after which both stay (convention)
+_LEAST_PRIOR: Final = 1e-10  # of the largest: keeps a division finite
 
 
 class Forecaster(Protocol):

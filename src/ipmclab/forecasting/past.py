@@ -32,7 +32,7 @@ from ipmclab.run import Finding, Hold, Run
 
 FloatArray = npt.NDArray[np.float64]
 
-STEP: Final = 0.2  # s
+STEP: Final = 0.2  # s between the readings that a forecast looks at (convention)
 SETTLE: Final = 2.0
 """Seconds after the first edge that are left out: there a row of delay looks like a slow answer."""
 

@@ -32,7 +32,7 @@ import numpy.typing as npt
 
 FloatArray = npt.NDArray[np.float64]
 
-LEADS: Final = 8
+LEADS: Final = 8  # parts of a horizon at which misses are looked at (convention)
 MEMORY: Final = 4.0
 """Horizons after which a miss counts 1/e."""
 GROWTH: Final = 0.75

@@ -22,12 +22,12 @@ WIDEST: Final = 2.0
 
 _OPEN: Final = 0.05  # standard deviation of a logarithm from which a valley may bend
 _HIGH: Final = 30.0  # rise of minus twice the logarithm of the likelihood: nothing is there
-_STEP: Final = 0.1
-_LONGEST: Final = 0.4
-_SHORTEST: Final = 1e-3
+_STEP: Final = 0.1  # standard deviations of a logarithm: the first step along a valley (convention)
+_LONGEST: Final = 0.4  # the longest one (convention)
+_SHORTEST: Final = 1e-3  # the shortest one: below it a valley has an end
 _TURN: Final = 0.98  # cosine of the largest turn in a step
-_MOST: Final = 600
-_CORRECTIONS: Final = 8
+_MOST: Final = 600  # places of a valley, 240 standard deviations at most (a limit of memory)
+_CORRECTIONS: Final = 8  # Newton steps back to the floor (a limit)
 _SETTLED: Final = 1e-3  # standard deviations
 
 

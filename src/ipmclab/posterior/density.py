@@ -29,7 +29,7 @@ AT_FLOOR: Final = 1.01
 
 _MATTERS: Final = 0.1  # of what noise moves all readings together: a fixed value that moves them less is taken as exact
 _NOISE_WIDTH: Final = 0.2  # the same of the numbers that shape the noise
-_RECTANGLE: Final = 3.0**0.5
+_RECTANGLE: Final = 3.0**0.5  # half width of a rectangular distribution, in its standard deviations (derived)
 _MOST_READINGS: Final = 1_000_000  # of vectors that are worked on at once: 8 MB for each output
 
 

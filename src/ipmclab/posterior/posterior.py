@@ -36,8 +36,8 @@ from ipmclab.version import __version__
 
 FloatArray = npt.NDArray[np.float64]
 
-SEED: Final = 20261121
-STEPS: Final = 5000
+SEED: Final = 20261121  # a date: any would do
+STEPS: Final = 5000  # of each walker (convention; whether chains agree is asked)
 _AT_BOUND: Final = 0.1  # of an interval: samples that come so near to a bound are ended by it
 _DRAWS: Final = 500  # of each chain that are kept: neighbours say nearly the same
 

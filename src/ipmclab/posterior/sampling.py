@@ -17,8 +17,10 @@ from ipmclab.progress import stage, tick
 
 FloatArray = npt.NDArray[np.float64]
 
-ENSEMBLES: Final = 2
+ENSEMBLES: Final = 2  # the fewest that can be held against each other (convention)
 _LEAST_WALKERS: Final = 20
+"""Of an ensemble (convention)."""
+
 _WALKERS_EACH: Final = 3  # for each entry of the vector
 _LEARN: Final = 2  # how often the independent proposals are taken from where the walkers were last
 _CHUNK: Final = 100  # steps between two looks
@@ -27,7 +29,7 @@ LEAST_STEPS: Final = 2 * _LEARN * _CHUNK
 
 _APART: Final = 1.5  # first draws scatter that much wider than the curvature says
 _TAILS: Final = 5.0  # degrees of freedom of the independent proposals
-_TRIES: Final = 200
+_TRIES: Final = 200  # draws for a walker inside the bounds (a limit)
 
 
 @dataclass(frozen=True, eq=False)

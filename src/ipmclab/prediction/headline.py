@@ -77,6 +77,7 @@ def before_first_reversal(time: FloatArray, values: FloatArray) -> float:
 
 
 _PEAK, _STEADY, _DISPLACEMENT, _FORCE = 0.15, 0.20, 0.10, 0.20
+"""Of the published number, within which a model agrees (convention)."""
 _LAST_PERIOD: Final = "amplitude, last period"
 _OF_RECORD: Final = f"largest of the record, {DURATION:g} s"
 

@@ -40,11 +40,11 @@ _SHORTEST: Final = 15.0
 """Time [s] below which nothing is believed: the slow mode of the thesis's strip has 15.8 s, and before that a faster
 one looks as if it were the last."""
 
-_SIGMAS: Final = 3.0
+_SIGMAS: Final = 3.0  # of the voltage: a step within its noise is none (convention)
 _NO_PART: Final = 0.01
 """Times the noise of a held voltage, and part of the step to it, within which it is none."""
 
-_ELECTROLYSIS: Final = 1.23  # V
+_ELECTROLYSIS: Final = 1.23  # V, at which water decomposes (standard potential)
 
 
 def dc_resistance(runs: Sequence[tuple[str, Run]], known: Mapping[str, Uncertain]) -> Step:

@@ -34,7 +34,7 @@ from ipmclab.units import (
     Quantity,
 )
 
-_WORTH_SAYING: Final = 3e-3
+_WORTH_SAYING: Final = 3e-3  # relative: a loss that no measurement here shows (convention)
 
 _FIRST: Final = ("sheet_resistance",)
 

@@ -12,8 +12,9 @@ from ipmclab.measurement.written import Written, scatter_of
 from ipmclab.units import Quantity, parse_quantity
 
 _KEYS: Final = ("value", "readings", "standard_uncertainty")
-_MOST: Final = 100_000
+_MOST: Final = 100_000  # readings of a hand: more are a file that was given by mistake (convention)
 
+# Standard uncertainties [SI] where nobody states one, and whether they are relative.
 _ALSO_ASSUMED: Final[tuple[tuple[str, float, bool, str], ...]] = (
     ("spacing", 1e-4, False, "contacts that were placed by hand"),
     ("position", 5e-4, False, "a ruler at the edge of the clamp"),

@@ -23,7 +23,7 @@ SHEET: Final = "circuit.sheet_resistance"
 CONTACT: Final = "circuit.contact_resistance"
 
 _LENGTHS: Final = ("geometry.free_length", "geometry.sensing_length")
-_APART: Final = 3.0
+_APART: Final = 3.0  # standard errors: one in 370 by chance (convention)
 _LEAST: Final = 1e-4  # of a value: what follows exactly from the dimensions is given this much room
 
 

@@ -38,7 +38,7 @@ from ipmclab.units import (
 )
 
 _GIVEN: Final = "value that was given"
-_MOST_BRANCHES: Final = 5
+_MOST_BRANCHES: Final = 5  # no record tells more apart (convention; the thesis has 2)
 
 T = TypeVar("T")
 

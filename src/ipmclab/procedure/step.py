@@ -11,7 +11,7 @@ from ipmclab.measurement.uncertain import Uncertain
 from ipmclab.run import Finding
 from ipmclab.units import Quantity
 
-_WORTH_SAYING: Final = 0.02
+_WORTH_SAYING: Final = 0.02  # of a variance: a smaller cause is not worth curing (convention)
 
 CURES: Final[Mapping[str, str]] = {
     "offset of the meter": "join the four contacts with a piece of metal and read the meter: give that as zero",

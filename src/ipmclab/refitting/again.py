@@ -23,7 +23,7 @@ from ipmclab.refitting.side_by_side import Polished, SideBySide
 
 FloatArray = npt.NDArray[np.float64]
 
-_NEAR: Final = 1e-8
+_NEAR: Final = 1e-8  # of the cost (convention)
 _FROM_ELSEWHERE: Final = 40  # evaluations of a search from another fit that was as good
 _TOGETHER: Final = 64  # fits that go side by side: 2 MB of readings for two runs of 2,000 rows
 

@@ -22,7 +22,7 @@ from ipmclab.progress import Tell, stage, telling
 from ipmclab.refitting.again import fits_again, fitted, values_of
 from ipmclab.run import FloatArray
 
-SEED: Final = 20261121
+SEED: Final = 20261121  # a date: any would do
 FEWEST_DRAWS: Final = 40  # draws of which a 95 % interval leaves one out on each side
 
 

@@ -13,7 +13,7 @@ from ipmclab.normal_equations import ROUNDING
 FloatArray = npt.NDArray[np.float64]
 IndexArray = npt.NDArray[np.int64]
 
-_STEADY = 1e-14
+_STEADY = 1e-14  # of a gain: as far as rounding lets it settle (derived)
 
 _ROUNDING = ROUNDING  # of a column's square: less than that is not left of it beside other columns
 

@@ -8,9 +8,9 @@ import numpy as np
 
 from ipmclab.run import FloatArray
 
-_LAGS: Final = 20
-_BLOCKS: Final = (16, 128)
-_REJECT: Final = 0.005
+_LAGS: Final = 20  # of the Ljung-Box test (convention)
+_BLOCKS: Final = (16, 128)  # rows, whose means show what is slower than neighbours (convention)
+_REJECT: Final = 0.005  # p of each of the four tests: at most 2 % of white residuals are searched in vain (derived)
 _FEWEST: Final = 30
 """Readings below which no noise model but white can be told."""
 

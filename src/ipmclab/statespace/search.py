@@ -17,8 +17,12 @@ from ipmclab.statespace.terms import MOST_ORDER, Terms
 
 _EACH: Final = 5  # readings for each lag, as for the test of the colour: with fewer a noise fits whatever there is
 _WALKS: Final = (0.003, 0.01, 0.03, 0.1, 0.4)
+"""Steps of a walk over the noise from which searches start, half a decade apart (convention)."""
+
 _FADING: Final = (math.atanh(0.5), math.atanh(0.9), math.atanh(0.99))
-_WHITES: Final = (0.3, 1.0, 3.0)
+"""Poles from which they start, as entries (convention)."""
+
+_WHITES: Final = (0.3, 1.0, 3.0)  # white noise over the fading one from which they start (convention)
 _CLOSE: Final = 3.0  # penalties of one term: covariances that far above the best are tried with fewer constants
 _STEP: Final = 2e-3  # of the error of an entry
 _ENOUGH: Final = 1e-5  # part of what was gained: the deviance is then known to a hundredth

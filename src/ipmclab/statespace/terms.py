@@ -16,6 +16,7 @@ MOST_ORDER: Final = 4
 
 _FARTHEST: Final = 4.5  # arctanh of a partial autocorrelation: 0.99975
 _RATIOS: Final = (math.log(1e-5), math.log(1e3))
+"""Of two noises (convention)."""
 
 
 @dataclass(frozen=True)

@@ -24,8 +24,8 @@ NOT_IN_EQUILIBRIUM: Final = "not-in-equilibrium"
 MOVES: Final = "water-moves"
 CONTRADICTED: Final = "water-contradicted"
 
-_WETTER: Final = 1.0  # percent of relative humidity
-_WARMER: Final = 1.0  # K
+_WETTER: Final = 1.0  # percent of relative humidity: runs that near were in one state (convention)
+_WARMER: Final = 1.0  # K: the same of temperature
 _SETTLED: Final = 3.0  # time constants of sorption
 _STILL: Final = 0.01  # of the water content: a smaller change shows in nothing that is read
 

@@ -30,8 +30,8 @@ from ipmclab.model.stages.circuit import Circuit, branch_names
 FloatArray = npt.NDArray[np.float64]
 
 _WEAK: Final = 0.2  # standard error of a logarithm from which a branch may as well be elsewhere
-_FASTEST: Final = 0.3  # rows
-_SLOWEST: Final = 30.0  # records
+_FASTEST: Final = 0.3  # rows: the shortest time constant that is tried (convention)
+_SLOWEST: Final = 30.0  # records: the longest (convention)
 _STEP: Final = 0.8  # between the logarithms of neighbouring time constants
 _ROUGHLY: Final = 1e-2  # of the cost, to which a search goes first
 _FAR: Final = 0.5

@@ -33,13 +33,13 @@ FloatArray = npt.NDArray[np.float64]
 LONGEST: Final = 300  # evaluations of one search
 SHORTLY: Final = 15  # of a search that is only to show whether it is worth more
 _COSTLY: Final = 1e-8  # of the cost: for thousands of readings a ten-thousandth of chi-square
-_CHEAP: Final = 1e-10
+_CHEAP: Final = 1e-10  # the same where an evaluation costs next to nothing
 _THERE: Final = 1e-3  # of a standard error: a search that is so near its minimum has found it
 _HARDLY: Final = 0.1  # of chi-square, by which a search that began beside the minimum still falls
 HOPE: Final = 1.05  # times the best cost: a search above that is left
 _CORRECTED: Final = 6  # times, each of which leaves of the way what means hide of their rows: a thousandth
 _AT_FLOOR: Final = 1.3  # times the noise between neighbours
-_SAME_NOISE: Final = 0.002
+_SAME_NOISE: Final = 0.002  # relative: weights that are that near are the same (convention)
 _WEIGHED_AGAIN: Final = 6  # times, each of which leaves of a difference of the weights a part of unknowns by readings
 
 

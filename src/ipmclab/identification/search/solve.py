@@ -21,8 +21,8 @@ SETTLED: Final = 1e-9
 """Of a standard error: a step shorter than that is none."""
 
 _FAR: Final = 1.0  # standard errors: from farther away a search has not ended
-MOST_STEPS: Final = 12
-FARTHEST_STEP: Final = 3.0
+MOST_STEPS: Final = 12  # Gauss-Newton steps in a row (a limit)
+FARTHEST_STEP: Final = 3.0  # of a logarithm, a factor of 20: derivatives lead no farther (convention)
 NOTHING: Final = 1e-12  # of the cost: a decrease that is rounding
 HARDLY: Final = 1e-9  # of the cost: where it does not fall, a decrease that need not have come
 _MOST_FOLLOWED: Final = 6  # steps of the others after an entry that moved, after which the search takes over
@@ -37,6 +37,7 @@ _ASIDE: Final = 1e-6  # so far inside the bound it stays
 
 THERE: Final = "the parameters stopped moving"
 
+# By the status of SciPy's ``least_squares``.
 _REASONS: Final = {
     0: "the limit of evaluations was reached before the cost stopped falling",
     1: "the gradient vanished",
