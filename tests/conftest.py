@@ -13,6 +13,7 @@ import pytest
 from tests import bytecode, profiles
 from tests.collecting import Collecting
 from tests.witness import Witness
+from tests.workers import pytest_collection_finish as pytest_collection_finish
 from tests.workers import pytest_collection_modifyitems as pytest_collection_modifyitems
 from tests.workers import pytest_runtest_setup as pytest_runtest_setup
 from tests.workers import pytest_xdist_auto_num_workers as pytest_xdist_auto_num_workers

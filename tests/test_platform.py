@@ -159,6 +159,42 @@ def test_rights_that_cannot_be_given_are_told(
     assert note["text"].startswith("other users of this computer may be able to steer this recorder")
 
 
+def test_what_must_be_in_time_goes_first_where_the_system_grants_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    if not hasattr(os, "setpriority"):
+        pytest.skip("this system has no nice")
+    asked: list[tuple[int, ...]] = []
+    monkeypatch.setattr(os, "setpriority", lambda *which: asked.append(which))
+    platform.go_first()
+    assert asked == [(os.PRIO_PROCESS, 0, -10)]
+
+    def refuse(*_: int) -> None:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(os, "setpriority", refuse)
+    platform.go_first()
+
+
+def test_on_windows_it_goes_before_what_has_no_class_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[tuple[int, int]] = []
+
+    class SetPriorityClass:
+        argtypes = ()
+
+        def __call__(self, process: int, level: int) -> int:
+            asked.append((process, level))
+            return 1
+
+    kernel = SimpleNamespace(GetCurrentProcess=type("Call", (), {"__call__": lambda _: -1})())
+    kernel.SetPriorityClass = SetPriorityClass()
+    types = SimpleNamespace(HANDLE="handle", DWORD="word")
+    ctypes = SimpleNamespace(WinDLL=lambda *_, **__: kernel, wintypes=types)
+    monkeypatch.setattr(subprocess, "ABOVE_NORMAL_PRIORITY_CLASS", 0x8000, raising=False)
+    as_on_windows(monkeypatch, {"msvcrt": SimpleNamespace(), "ctypes": ctypes, "ctypes.wintypes": types}).go_first()
+    assert asked == [(-1, 0x8000)]
+    assert kernel.GetCurrentProcess.restype == "handle"  # of 64 bits, where an int would be cut
+    assert kernel.SetPriorityClass.argtypes == ("handle", "word")
+
+
 def test_the_pipes_of_children_are_utf_8_whatever_the_locale_is(tmp_path: Path) -> None:
     script = "import sys; print(sys.stdout.encoding, sys.flags.utf8_mode, 'Ω 通道')"
     (tmp_path / "said_in_utf8.py").write_text(script, encoding="utf-8")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from collections.abc import Callable
@@ -11,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from tests import bytecode
-from tests.workers import Sharing, pytest_collection_modifyitems
+from tests.workers import Sharing, group_of, pytest_collection_modifyitems
 
 
 def test_what_is_missing_is_skipped_with_its_reason(
@@ -54,8 +55,7 @@ def test_what_is_held_to_time_and_what_drives_a_browser_come_first_each_in_turn(
     items = [plain, fitting, browsed, timed]
     pytest_collection_modifyitems(items)
     assert items == [timed, browsed, fitting, plain]
-    groups = [mark and mark.args[0] for mark in (item.get_closest_marker("xdist_group") for item in items)]
-    assert groups == ["real-time", "browser", None, None]
+    assert [group_of(item) for item in items] == ["real-time", "browser", None, None]
     assert [item for item in items if item.get_closest_marker("other_processor")] == [fitting]
 
 
@@ -69,6 +69,37 @@ def test_what_is_held_to_time_and_what_drives_a_browser_come_first_each_in_turn(
 )
 def test_a_module_or_a_group_is_given_out_whole(identity: str, given_out_as: str) -> None:
     assert Sharing._split_scope(Sharing.__new__(Sharing), identity) == given_out_as
+
+
+WHERE = """
+import os
+from pathlib import Path
+
+import pytest
+
+
+{mark}
+def test_where() -> None:
+    Path("{name}.where").write_text(os.environ["PYTEST_XDIST_WORKER"])
+"""
+
+
+def test_what_is_held_to_time_is_done_by_one_worker_whatever_its_modules(tmp_path: Path) -> None:
+    """Of four modules two are held to time: the first two to be given out, to two workers unless they are one."""
+    hooks = "pytest_collection_finish, pytest_collection_modifyitems, pytest_xdist_make_scheduler"
+    (tmp_path / "conftest.py").write_text(f"from tests.workers import {hooks}\n", encoding="utf-8")
+    (tmp_path / "pytest.ini").write_text("[pytest]\nmarkers =\n real_time\n other_processor\n", encoding="utf-8")
+    for name in ("a", "b", "c", "d"):
+        mark = "@pytest.mark.real_time" if name in "bd" else ""
+        (tmp_path / f"test_{name}.py").write_text(WHERE.format(mark=mark, name=name), encoding="utf-8")
+    command = [sys.executable, "-m", "pytest", "-q", "-n", "2", "--dist", "loadgroup", "--no-loadscope-reorder"]
+    root = str(Path(__file__).parents[1])
+    environment = {**os.environ, "PYTHONPATH": root}
+    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    workers = {path.stem: path.read_text() for path in tmp_path.glob("*.where")}
+    assert sorted(workers) == ["a", "b", "c", "d"]
+    assert workers["b"] == workers["d"]
 
 
 def test_compiled_modules_are_shared_where_none_may_lie_beside_the_sources(

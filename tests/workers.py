@@ -8,6 +8,8 @@ All else is given out a module at a time, so that each module makes its fixtures
 from __future__ import annotations
 
 import os
+from functools import partial
+from typing import Any
 
 import pytest
 from xdist.remote import Producer
@@ -77,11 +79,7 @@ def group_of(item: pytest.Item) -> str | None:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Group them, choose those that are repeated on another processor, and order them as they are to be given out."""
-    for item in items:
-        group = group_of(item)
-        if group:
-            item.add_marker(pytest.mark.xdist_group(group))
+    """Choose those that are repeated on another processor, and order all as they are to be given out."""
     for item in [item for item in items if item.nodeid.startswith(FITTING)][::THINNED]:
         item.add_marker(pytest.mark.other_processor)
     items.sort(key=_place)
@@ -92,6 +90,24 @@ def _place(item: pytest.Item) -> int:
     if group:
         return 0 if group == "real-time" else 1
     return 2 if item.nodeid.startswith(LONG) else 3
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_finish(session: pytest.Session) -> None:
+    """Let a worker tell the groups of its tests behind their names.
+
+    The marker of xdist does so through an attribute that pytest reads no more since 9.2: nothing was grouped, and
+    nothing said so. What is held to time ran beside others that are.
+    """
+    for plugin in session.config.pluginmanager.get_plugins():
+        if hasattr(plugin, "sendevent"):  # what speaks for this worker
+            plugin.sendevent = partial(_tell, plugin.sendevent, session.items)  # type: ignore[attr-defined]
+
+
+def _tell(send: Any, items: list[pytest.Item], event: str, **values: Any) -> None:
+    if event == "collectionfinish":
+        values["ids"] = [f"{item.nodeid}@{group}" if (group := group_of(item)) else item.nodeid for item in items]
+    send(event, **values)
 
 
 @pytest.hookimpl(tryfirst=True)

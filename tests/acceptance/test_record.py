@@ -28,11 +28,15 @@ from ipmclab import read_run
 from ipmclab.errors import IpmclabError
 from ipmclab.rig.process.client import Recorder
 from ipmclab.run import Run
+from ipmclab.store.journal.record import read_journal
 
 pytestmark = [
     pytest.mark.skipif(os.name != "posix", reason="signals and terminals of POSIX"),
     pytest.mark.real_time,
 ]
+
+ROWS = 25
+"""So many of them are half a second of a run."""
 
 ZERO_WITHIN = 1.0
 """The bound of the issue [s]: the output is at 0 V so soon after whatever happened."""
@@ -82,9 +86,16 @@ class Bench:
     def volts(self) -> float:
         return level(self.levels)[0]
 
+    @property
+    def rows(self) -> int:
+        """Of the runs that are being recorded, as far as they are on the disk."""
+        return sum(read_journal(path).n_rows for path in (self.folder / "laboratory" / "recording").glob("*.runj"))
+
     def wait_for_voltage(self) -> None:
+        """And for rows of it: in mid-run."""
         wait_until(lambda: self.volts != 0.0, 60.0, "a voltage on the strip")
-        time.sleep(0.5)
+        energised = self.rows
+        wait_until(lambda: self.rows >= energised + ROWS, 60.0, f"{ROWS} rows of it")
 
     def zero_after(self, moment: float, seconds: float = ZERO_WITHIN) -> None:
         """The output went to 0 V within the bound, by the clock of the stand-in."""
@@ -239,10 +250,10 @@ def test_a_client_that_dies_leaves_the_run_running_and_another_joins(bench: Benc
     closed.wait_for(r"rows on disk")
     os.close(closed.screen)  # the window is closed: SIGHUP
     assert os.waitstatus_to_exitcode(os.waitpid(closed.pid, 0)[1]) in (0, -signal.SIGHUP)
-    time.sleep(1.5)
-    assert bench.volts != 0.0  # and its guardian has seen no reason to act
+    bench.wait_for_voltage()
     third = Terminal("--attach", "laboratory", folder=bench.folder)
     third.wait_for(r"rows on disk")
+    assert bench.volts != 0.0  # and its guardian has seen no reason to act
     pressed = time.time()
     third.press("s")
     assert third.end() == 0, third.text[-800:]
@@ -272,6 +283,7 @@ def test_a_recorder_that_hangs(bench: Bench) -> None:
     """Its guardian acts; when it goes on it finds out, and keeps what it had."""
     recorder, uuid = begin(bench.folder)
     bench.wait_for_voltage()
+    assert os.getpriority(os.PRIO_PROCESS, recorder.process) == granted()
     stopped = time.time()
     os.kill(recorder.process, signal.SIGSTOP)
     bench.zero_after(stopped)
@@ -331,14 +343,14 @@ def test_a_full_disk(bench: Bench, tmp_path: Path, require: Callable[[str, objec
 
 def test_two_rigs_record_into_one_folder_at_once(bench: Bench, tmp_path_factory: pytest.TempPathFactory) -> None:
     other = tmp_path_factory.mktemp("other")
-    with stand_in(other):
+    with stand_in(other) as others:
         text = EXPERIMENT.replace('"rig.toml"', f'"{other / "rig.toml"}"')
         (bench.folder / "other.toml").write_text(text)
         first, _ = begin(bench.folder)
         job = [sys.executable, "-m", "ipmclab", "record", "other.toml", "--yes", "--json"]
         with subprocess.Popen(job, cwd=bench.folder, stdout=subprocess.PIPE, text=True) as second:
-            wait_until(lambda: len(list((bench.folder / "laboratory" / "recording").glob("*.runj"))) == 2, 60.0, "two")
-            time.sleep(1.0)
+            wait_until(lambda: level(others)[0] != 0.0, 60.0, "a voltage on the other strip")
+            bench.wait_for_voltage()
             first.request("stop")
             assert follow(first)["status"] == 0
             second.send_signal(signal.SIGTERM)  # stops and keeps, as Ctrl-C
@@ -351,10 +363,10 @@ def test_two_rigs_record_into_one_folder_at_once(bench: Bench, tmp_path_factory:
 
 def test_recorders_killed_at_random_moments(tmp_path: Path) -> None:
     """``python -m benchmarks.kills`` does hundreds, half of them between system calls."""
-    killed, wrong = run_kills(tmp_path, manners(4))
+    killed, wrong = run_kills(tmp_path, manners(2))
     assert not wrong
-    assert sum(one.energised for one in killed) >= 2
-    assert sum(one.acknowledged for one in killed) > 20
+    assert sum(one.energised for one in killed) >= 1
+    assert sum(one.acknowledged for one in killed) > 10
 
 
 def begin(folder: Path) -> tuple[Recorder, str]:
@@ -379,6 +391,12 @@ def follow(recorder: Recorder) -> dict[str, Any]:
             recorder.close()
             wait_until(lambda: not is_there(recorder.process), 10.0, "the end of its process")
             return {**message.values, "acknowledged": acknowledged, "told": told or time.time()}
+
+
+def granted() -> int:
+    """How nice a process is that asked the system to let it go before others."""
+    ask = "import os; from ipmclab.platform import go_first; go_first(); print(os.nice(0))"
+    return int(subprocess.run([sys.executable, "-c", ask], capture_output=True, check=True).stdout)
 
 
 def is_there(process: int) -> bool:

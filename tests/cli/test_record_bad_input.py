@@ -181,6 +181,7 @@ def test_a_folder_that_may_not_be_written(
     monkeypatch.setattr(hub, "write_for_owner_only", refuse)
     monkeypatch.setattr("sys.stdin", io.StringIO(json.dumps(job)))
     monkeypatch.setattr(recorder.os, "dup2", lambda *_: None)
+    monkeypatch.setattr("ipmclab.platform.go_first", lambda: None)  # it would be this process that does
     assert recorder.main() == 2
     error = json.loads(capfd.readouterr().out)["error"]
     assert error["message"] == "the laboratory folder cannot be written: Permission denied"

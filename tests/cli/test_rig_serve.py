@@ -87,7 +87,8 @@ def test_a_dummy_load_is_served_from_a_rig_file(tmp_path: Path) -> None:
     assert one.process.returncode in (0, 1)  # Windows ends it without asking
 
 
-def test_a_taken_port_is_refused(served: Served, command: Command) -> None:
+def test_a_taken_port_is_refused(served: Served, command: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("ipmclab.platform.go_first", lambda: None)  # it would be this process that does
     outcome = command("rig", "serve", "--port", served.line.rpartition(":")[2])
     assert outcome.status == 2
     assert "--port" in outcome.err

@@ -67,16 +67,29 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     return made
 
 
+@dataclass(frozen=True)
+class Pause:
+    """The machine stands still for so long [s]: nobody wakes, whatever time it asked for."""
+
+    seconds: float
+
+
 class Words:
     """What the recorder says: words, its silence for some seconds between them, and its end (``None``)."""
 
-    def __init__(self, clock: Clock, *left: str | float | None) -> None:
+    def __init__(self, clock: Clock, *left: str | float | Pause | None) -> None:
         self._clock, self._left = clock, list(left)
 
     def get(self, timeout: float | None = None) -> str | None:
         if timeout is not None and timeout < 0.0:
             raise ValueError("'timeout' must be a non-negative number")
-        while isinstance(silent := self._left[0], float):
+        while not isinstance(silent := self._left[0], str | None):
+            if isinstance(silent, Pause):
+                self._clock.now += silent.seconds
+                self._left.pop(0)
+                if timeout is None or silent.seconds <= timeout:
+                    continue
+                raise queue.Empty
             if timeout is not None and silent > timeout:
                 self._clock.now += timeout
                 self._left[0] = silent - timeout
@@ -142,7 +155,7 @@ def watched(tmp_path: Path, clock: Clock, monkeypatch: pytest.MonkeyPatch) -> Wa
 
     monkeypatch.setattr(guardian_process, "replace_file", replace)
 
-    def watch(*words: str | float | None, connection: Connection | None = None, takes: float = 0.0) -> Watched:
+    def watch(*words: str | float | Pause | None, connection: Connection | None = None, takes: float = 0.0) -> Watched:
         output, status, log = (tmp_path / name for name in ("output.txt", "status.json", "guardian.log"))
         target, told = Target("file", str(output)), Told(clock, takes)
         one = Watch(target, log, told, connection or connect(target), status)
@@ -232,6 +245,25 @@ def test_a_recorder_that_ends_just_as_it_is_looked_for_once_more_is_gone(watched
 
 def test_a_guardian_that_was_held_up_itself_reads_first_what_came_meanwhile(watched: Watching) -> None:
     assert watched("arm 0.5", "beat", "disarm", None, takes=0.75).said == ["ready", "armed", "disarmed"]
+
+
+@pytest.mark.parametrize("silent", [0.0, 0.25, 0.45])
+def test_a_recorder_that_the_same_pause_held_up_has_a_moment_to_go_on(watched: Watching, silent: float) -> None:
+    """A machine that stood still for 0.6 s holds both up: the recorder reads its rows first, then it beats."""
+    seen = watched("arm 0.5", silent, Pause(0.6), 0.2, "beat", 0.45, "disarm", None)
+    assert seen.said == ["ready", "armed", "disarmed"]
+    assert (seen.code, seen.resets) == (0, 0)
+
+
+def test_after_a_pause_a_recorder_that_hangs_is_waited_for_no_more_than_that_moment(watched: Watching) -> None:
+    seen = watched("arm 0.5", Pause(0.6), 60.0, None)
+    assert seen.said[2:] == ["acted the recorder was silent for 0.5 s", "zero"]
+    assert seen.when("acted") == [pytest.approx(0.6 + 0.25)]  # within a second of its last word
+
+
+def test_a_pause_excuses_no_silence_after_the_next_beat(watched: Watching) -> None:
+    seen = watched("arm 0.5", Pause(0.6), 0.2, "beat", 60.0, None)
+    assert seen.when("acted") == [pytest.approx(0.6 + 0.2 + 0.5 + 0.03)]
 
 
 def test_a_run_that_ends_well_is_told_in_the_log_and_leaves_no_word(watched: Watching) -> None:

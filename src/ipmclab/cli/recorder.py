@@ -39,11 +39,13 @@ def main() -> int:
     """Do one experiment."""
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from ipmclab.errors import InputError, IpmclabError
+    from ipmclab.platform import go_first
     from ipmclab.rig.process.client import forget_dead_recorders
     from ipmclab.rig.process.hub import Hub
     from ipmclab.rig.process.server import ClientOperator, end_on_signals
     from ipmclab.store.journal.laboratory import Laboratory
 
+    go_first()  # before its threads begin: the guardian takes one that is held up for half a second as hanging
     job = json.load(sys.stdin)
     operator = ClientOperator()
     operator.unattended = not job["interactive"]

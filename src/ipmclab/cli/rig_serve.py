@@ -60,6 +60,7 @@ def serve(
             where="--port",
             repair="give another port, or 0 for a free one",
         )
+    from ipmclab.platform import go_first
     from ipmclab.rig.files.rig_file import load_rig
     from ipmclab.rig.plant import StripPlant
 
@@ -68,6 +69,8 @@ def serve(
     name, modules = chassis_of(loaded)
     plant = StripPlant(loaded)
     chassis, server = make_server(plant, name, modules, port=port, clock=clock, faults=fault or [], levels=levels)
+    if clock == "real":
+        go_first()  # before its threads begin: a chassis waits for no processor
     try:
         address = server.start()
     except OSError as error:

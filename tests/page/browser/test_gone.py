@@ -53,7 +53,7 @@ def test_after_a_reload_the_fit_at_work_is_shown_when_it_is_done(tmp_path: Path,
         page.get_by_role("button", name="Identify").click()
         page.get_by_role("heading", name="fit 1").wait_for(timeout=LONG)
         page.get_by_role("button", name="Identify").click()
-        page.get_by_role("button", name="Cancel").wait_for()
+        page.locator(".lab-job").filter(has_text="fit 2").wait_for()  # it may be done before "Cancel" is seen
         page.reload()
         page.get_by_text("1 to identify from").wait_for()
         page.get_by_role("heading", name="fit 2").wait_for(timeout=LONG)
@@ -61,12 +61,30 @@ def test_after_a_reload_the_fit_at_work_is_shown_when_it_is_done(tmp_path: Path,
         button = first.get_by_role("button", name="Show")
         button.evaluate("element => { element.isTheSame = true; }")
         page.get_by_role("button", name="Identify").click()
-        page.get_by_role("button", name="Cancel").wait_for()
+        newest = page.locator(".lab-job").filter(has_text="fit 3")
+        newest.wait_for()
         button.click()
         page.get_by_role("heading", name="fit 1").wait_for(timeout=LONG)
-        newest = page.locator(".lab-job").filter(has_text="fit 3")
         newest.get_by_role("button", name="Show").wait_for(timeout=LONG)
         # A button that is drawn again as another fit ends would lose a click that is on its way.
         assert button.evaluate("element => element.isTheSame === true")
         page.wait_for_timeout(700)  # who looks at another one goes on with it
         assert page.get_by_role("heading", name="fit 1").is_visible()
+
+
+def test_a_page_that_stood_still_itself_does_not_say_that_the_link_is_lost(tmp_path: Path, open_page) -> None:
+    """What came meanwhile waits to be heard; a link that is silent from then on is lost as ever."""
+    with served(tmp_path) as address:
+        page = open_page(f"{address}/runs")
+        page.wait_for_function("window.lab?.state")
+        page.evaluate(
+            """() => {
+              const clock = performance.now.bind(performance), began = clock(), lose = lab.lose;
+              lab.socket.onmessage = null; // nothing is heard any more
+              performance.now = () => clock() + 60000; // a minute has passed at once
+              lab.lose = function () { window.lostAfter ??= (clock() - began) / 1000; lose.call(this); };
+            }"""
+        )
+        page.wait_for_function("window.lostAfter !== undefined")
+        assert page.evaluate("window.lostAfter") > 3.0
+        page.wait_for_selector("#lab-lost:not([hidden])", state="attached")

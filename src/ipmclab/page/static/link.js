@@ -230,8 +230,12 @@ for (const type of ["click", "keydown"]) document.addEventListener(type, holdBac
 document.addEventListener("DOMContentLoaded", () => {
   lab.heard = performance.now(); // from now on there is something to hear
   lab.connect(); // before all that could fail
+  let looked = lab.heard, awake = lab.heard;
   setInterval(() => {
-    if (performance.now() - lab.heard > 3500) {
+    const now = performance.now();
+    if (now - looked > 2000) awake = now; // the page stood still itself: what came meanwhile waits to be heard
+    looked = now;
+    if (now - Math.max(lab.heard, awake) > 3500) {
       lab.lose();
       if (lab.socket.readyState === WebSocket.OPEN) lab.socket.close();
     }

@@ -25,7 +25,7 @@ from pathlib import Path
 from typing import IO, Any, Final, Literal
 
 from ipmclab.errors import IpmclabError
-from ipmclab.platform import own_stdin, replace_file
+from ipmclab.platform import go_first, own_stdin, replace_file
 from ipmclab.rig.safety.guarded_output import Connection, Target, connect
 from ipmclab.rig.safety.readback import TOLERANCE
 from ipmclab.rig.safety.session_end import SLEEP, told_of_the_end
@@ -42,6 +42,9 @@ LOUD: Final = 3.0
 _PAUSE: Final = 0.1  # s between two attempts
 _ALIVE: Final = 0.5  # s between two signs of life while armed
 _GRACE: Final = 0.03  # s for the thread that reads, before silence is believed
+_TICK: Final = 0.125  # s; by how late it wakes from so short a sleep it knows that it was held up itself
+_LATE: Final = 0.1  # s
+_GRACE_LATE: Final = 0.25  # s; what held this process up held the recorder up as well, which then has rows to read
 _LEAVE: Final = 1.5  # s that the system is kept waiting before it sleeps or ends the session
 
 
@@ -70,6 +73,7 @@ class Watch:
         self._armed = self._has_acted = False
         self._deadline = math.inf
         self._next_sign = -math.inf
+        self._late = 0.0
 
     def hear(self, word: str | None) -> None:
         """A word of the recorder; None when it is gone. From any thread, and from signal handlers."""
@@ -79,9 +83,12 @@ class Watch:
         """Watch until the recorder lets go, or is gone."""
         self.say("ready")
         while True:
+            patience = self._patience() if self._armed else None
+            began = time.monotonic()
             try:
-                word = self._words.get(timeout=self._patience() if self._armed else None)
+                word = self._words.get(timeout=patience)
             except queue.Empty:
+                self._late = max(self._late, time.monotonic() - began - (patience or 0.0))
                 self._sign()
                 if time.monotonic() >= self._deadline:
                     self._look_again()
@@ -98,12 +105,12 @@ class Watch:
 
     def _patience(self) -> float:
         """How long to wait for the next word [s]."""
-        return max(0.0, min(self._deadline, self._next_sign) - time.monotonic())
+        return min(_TICK, max(0.0, min(self._deadline, self._next_sign) - time.monotonic()))
 
     def _look_again(self) -> None:
-        """Act on silence, unless a word waits that this process, held up itself, had no time to read."""
+        """Act on silence, unless a word comes that this process or the recorder, held up, had no time for."""
         try:
-            word = self._words.get(timeout=_GRACE)
+            word = self._words.get(timeout=_GRACE if self._late < _LATE else _GRACE_LATE)
         except queue.Empty:
             self._act(f"the recorder was silent for {self._silence:g} s")
         else:
@@ -127,6 +134,7 @@ class Watch:
         elif what == "sleep" and self._armed:
             self._act(SLEEP)
         self._deadline = time.monotonic() + self._silence
+        self._late = 0.0
         if self._armed:
             self._sign()
 
@@ -238,6 +246,7 @@ def main(arguments: list[str]) -> int:
     for name in ("SIGINT", "SIGHUP"):
         if hasattr(signal, name):
             signal.signal(getattr(signal, name), signal.SIG_IGN)
+    go_first()  # before its threads begin
     told, *files = arguments
     target = Target.from_json(told)
     log, status = (Path(file) if file else None for file in files)
