@@ -14,27 +14,27 @@ import pytest
 
 from benchmarks import richer, trust
 
-TRIALS = 20
+TRIALS = 40
 """Of each noise."""
 
-LEAST = 72.5
-"""15 of 20: an interval that holds the truth in 95 of 100 trials does so less often in 3 of 10,000 such tests."""
+LEAST = 82.5
+"""33 of 40: an interval that holds the truth in 95 of 100 trials does so less often in 7 of 10,000 such tests."""
 
 RICHER = {
     "relaxation in a pair": 1,
     "leak, exponential and slow": 1,
     "line of 6 segments that leak": 1,
     "relaxation of both": 1,
-    "relaxation of the displacement": 1,
-    "leak, exponential": 1,
-    "leak, Butler-Volmer": 1,
-    "viscoelastic modulus": 3,
-    "line of 6 modes": 3,
-    "clamped section": 3,
-    "leak, cubic": 4,
-    "three branches": 4,
+    "relaxation of the displacement": 2,
+    "leak, exponential": 3,
+    "leak, Butler-Volmer": 3,
+    "viscoelastic modulus": 5,
+    "line of 6 modes": 5,
+    "clamped section": 6,
+    "leak, cubic": 6,
+    "three branches": 6,
 }
-"""Trials of each stage, twenty-four together; few of those that are fitted slowly."""
+"""Trials of each stage, forty together; few of those that are fitted slowly."""
 
 
 @pytest.fixture(scope="module")
@@ -57,16 +57,16 @@ def test_intervals_of_the_circuit(noise: str, circuit: dict[str, trust.Tally]) -
 
 
 def test_intervals_of_the_circuit_under_all_noises(circuit: dict[str, trust.Tally]) -> None:
-    """All trials together: the lower bound of one parameter is missed by chance in 6 of 10,000."""
+    """All trials together: each of the two bounds of one parameter is missed by chance in less than 3 of 10,000."""
     covered = reduce(add, circuit.values()).covered
-    assert covered.min() >= 85.5
+    assert 87.5 <= covered.min() <= covered.max() < 100.0
     assert 90.5 < covered.mean() < 98.5
 
 
 def test_intervals_of_the_richer_stages() -> None:
-    """Twenty-four trials, the parameters of all stages taken together."""
+    """Forty trials, the parameters of all stages taken together."""
     assert set(RICHER) == set(richer.CASES)
-    assert sum(RICHER.values()) == 24
+    assert sum(RICHER.values()) == 40
     tallies = {name: richer.run_trials(name, trials) for name, trials in RICHER.items()}
     determined = np.concatenate([np.ravel(tally.determined) for tally in tallies.values()])
     inside = np.concatenate([np.ravel(tally.inside) for tally in tallies.values()])
@@ -75,5 +75,5 @@ def test_intervals_of_the_richer_stages() -> None:
     assert len(sharp) > 0.9 * len(determined)
     assert sharp.mean() >= 0.95
     for name, tally in tallies.items():
-        if RICHER[name] >= 3:
+        if RICHER[name] >= 5:
             assert tally.widths.max() < 1.3, name

@@ -66,12 +66,12 @@ def fitted(instrument: Instrument, seed: int) -> Fit:
 def test_intervals_hold_the_true_values(instrument: Instrument) -> None:
     """Without an allowance for them 72 % do for the steps of the converter, and 80 % for noise that grows."""
     inside = []
-    for seed in range(FIRST, FIRST + 20):
+    for seed in range(FIRST, FIRST + 40):
         for name, one in fitted(instrument, seed).parameters.items():
             if one.determined:
                 low, high = one.interval
                 inside.append(low <= FRIEND[name] <= high)
-    assert len(inside) > 75
+    assert len(inside) > 150
     # Five parameters of one fit count as two.
     assert np.mean(inside) > 0.95 - 3.0 * np.sqrt(0.95 * 0.05 / (0.4 * len(inside)))
 

@@ -298,7 +298,7 @@ def test_what_a_short_record_cannot_tell_is_not_told(tmp_path: Path) -> None:
     assert len(plain) == 2
     truth = FRIEND_2.dotted()
     start = actuator_far_from(FRIEND_2, tmp_path)
-    boasts, misses, shown, trials = [], [], 0, 6
+    boasts, misses, shown, trials = [], [], 0, 12
     for trial in range(trials):
         run = ipmclab.Run.from_arrays(
             time=time, voltage=voltage, current=clean + NOISE * generator.standard_normal(rows), metadata=REST
@@ -311,8 +311,8 @@ def test_what_a_short_record_cannot_tell_is_not_told(tmp_path: Path) -> None:
             if found.parameters[name].determined and not low <= truth[name] <= high:
                 misses.append((trial, name, found.parameters[name].value, found.parameters[name].standard_error))
     assert shown >= 0.95 * 2 * trials
-    assert len(boasts) <= 1, "an error above 50 % means undetermined"
-    assert len(misses) <= 2, misses
+    assert len(boasts) <= 2, "an error above 50 % means undetermined"
+    assert len(misses) <= 4, misses
 
 
 def test_a_contact_resistance_of_its_own_for_each_run(tmp_path: Path) -> None:

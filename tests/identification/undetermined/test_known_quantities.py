@@ -27,9 +27,9 @@ ELECTRICAL = {
     "circuit.time_constants.0",
     "circuit.time_constants.1",
 }
-TRIALS = 20
-LEAST = 16
-"""Of 20 intervals of 95 %: fewer hold the truth once in four hundred times."""
+TRIALS = 40
+LEAST = 34
+"""Of 40 intervals of 95 %: fewer hold the truth once in three hundred times."""
 
 
 def trials(strip: Actuator, free: Sequence[str], outputs: tuple[str, ...], duration: float) -> list[Fit]:
