@@ -216,7 +216,7 @@ def measure(folder: Path, minutes: float, browser: Any, *, paints: int = 5, othe
         heap = page.context.new_cdp_session(page)
         heap.send("Performance.enable")
         end = time.monotonic() + 60 * minutes
-        every = max(2.5, 60 * minutes / 20)
+        every = max(5.0, 60 * minutes / 20)
         process.cpu_percent()
         used = []
         while time.monotonic() < end:

@@ -36,9 +36,12 @@ def record(truth: str, signal: str, seed: int, *, slow: float = 0.0, seconds: fl
 
 
 @pytest.mark.parametrize("slow", [0.0, 3e-4], ids=["white", "correlated"])
-def test_the_model_that_made_the_data_is_picked(slow: float) -> None:
+@pytest.mark.parametrize("seed", [0, 1])
+def test_the_model_that_made_the_data_is_picked(slow: float, seed: int) -> None:
     """One branch cannot do what two did, in blocks of one run; the full rates are in benchmarks/choice.py."""
-    choice = ipmclab.choose(record("friend-2", "step 1 V delay=1 s", 0, slow=slow), "branches=1,2", actuator="friend-2")
+    choice = ipmclab.choose(
+        record("friend-2", "step 1 V delay=1 s", seed, slow=slow), "branches=1,2", actuator="friend-2"
+    )
     assert choice.preferred == "branches=2"
     assert choice.differences["branches=1", "branches=2"].is_told
     assert choice.held_out == "blocks"

@@ -122,7 +122,7 @@ def test_what_a_run_has_for_itself_is_no_disagreement(contacts: tuple[float, ...
     """One or two others cannot tell it: it is found on the run, and all else is predicted as well as ever."""
     generator = np.random.default_rng(SEED)
     inside, standardised, p_value = [], [], []
-    for _ in range(5):
+    for _ in range(10):
         fit, names = clamped(generator, contacts, kind)
         assert "run-stands-out" not in {finding.code for finding in fit.findings}
         for one, name in zip(fit.left_out, names, strict=True):
@@ -133,8 +133,8 @@ def test_what_a_run_has_for_itself_is_no_disagreement(contacts: tuple[float, ...
             p_value.append(one.p_value)
     assert np.mean(inside) == pytest.approx(0.95, abs=0.015)
     assert np.mean(standardised) == pytest.approx(1.0, abs=0.05)
-    # 10 of an even spread, which need not be independent: three standard deviations of 5.
-    assert np.mean(p_value) == pytest.approx(0.5, abs=0.39)
+    # 20 of an even spread, which need not be independent: three standard deviations of 10.
+    assert np.mean(p_value) == pytest.approx(0.5, abs=0.27)
 
 
 def test_a_contact_is_found_on_the_run_as_by_a_fit_of_it_alone() -> None:
@@ -157,8 +157,10 @@ def test_a_contact_is_found_on_the_run_as_by_a_fit_of_it_alone() -> None:
 @pytest.mark.parametrize("kind", ["per_run", "per_mounting"])
 @pytest.mark.parametrize("contacts", [(0.5, 1.5), (0.5, 1.5, 0.9)])
 def test_what_all_should_share_still_stands_out(contacts: tuple[float, ...], kind: str) -> None:
-    fit, _ = clamped(np.random.default_rng(SEED), contacts, kind, other=1.2)
-    assert {"run-stands-out", "mountings-differ"} & {finding.code for finding in fit.findings}
+    generator = np.random.default_rng(SEED)
+    for _ in range(2):
+        fit, _ = clamped(generator, contacts, kind, other=1.2)
+        assert {"run-stands-out", "mountings-differ"} & {finding.code for finding in fit.findings}
 
 
 def test_contacts_that_differ_widely_are_no_disagreement_of_four_runs() -> None:
@@ -166,7 +168,7 @@ def test_contacts_that_differ_widely_are_no_disagreement_of_four_runs() -> None:
     generator = np.random.default_rng(SEED)
     signals = (*SIGNALS, "sine 1 V 0.3 Hz")
     free = ["circuit.dc_resistivity", "circuit.branches.1.resistivity"]
-    for _ in range(12):
+    for _ in range(25):
         strips = [FRIEND.replace(**{CONTACT: float(np.exp(0.5 * generator.standard_normal()))}) for _ in signals]
         runs = [noisy(generator, signal, strip=strip) for signal, strip in zip(signals, strips, strict=True)]
         fit = leave_one_run_out(identify(FRIEND, runs, free=free, per_run=CONTACT))

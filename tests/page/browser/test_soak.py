@@ -13,7 +13,7 @@ import pytest
 
 from benchmarks.page import CHANNELS, JUMP, measure
 
-MINUTES = 1.0 / 6.0
+MINUTES = 1.0 / 3.0
 
 
 @pytest.mark.real_time
