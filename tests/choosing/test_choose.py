@@ -53,7 +53,7 @@ def test_the_smaller_of_two_that_cannot_be_told_apart_is_preferred() -> None:
     assert choice.preferred == "branches=1"
     assert not choice.differences["branches=1", "branches=2"].is_told
     assert "These records cannot distinguish" in choice.sentences[0]
-    assert "it has the fewest parameters of these (3)" in choice.sentences[1]
+    assert "it has the fewest parameters of these (3 parameters)" in choice.sentences[1]
     # Drift makes thousands of rows worth a few independent ones.
     assert choice.effective_readings < 0.2 * choice.readings
 

@@ -66,11 +66,3 @@ def test_a_strip_at_rest_shows_how_its_sensor_drifts(real_runs: Path) -> None:
     fit = identify(with_stages(strip_there, "relaxation.displacement=1"), run, free="coupling,relaxation")
     assert fit.observations[0].start == "shown rest"
     assert fit.observations[0].drift["displacement"] > 0.0
-
-
-def test_a_search_among_slow_starts_finds_its_minimum(real_runs: Path) -> None:
-    """Starts of kilometres made every step too small to count: two modes left more than one, and took 27 s."""
-    assert real_runs.is_dir()
-    run = cut(records()["step_2V"], -5.0, 240.0, channels=("displacement",))
-    left = [left_by(with_stages(strip(), f"relaxation.displacement={modes}"), run) for modes in (1, 2)]
-    assert left[1] < 0.85 * left[0]

@@ -177,13 +177,15 @@ class Choice(Shown):
             these = [self[self.best], *alike]
             close = as_close(these)
             of = "these" if len(close) == len(these) else f"those whose RMSE is at most {AS_CLOSE:g} times the least"
-            if len(close) == 1:
-                reason = f"no other of these has an RMSE at most {AS_CLOSE:g} times the least"
-            elif any(self[name].parameters != self[self.preferred].parameters for name in close):
+            if any(self[name].parameters != self[self.preferred].parameters for name in close):
                 reason = f"it has the fewest parameters of {of}"
+            elif len(close) > 1:
+                reason = f"of {of} it predicted best, and none has fewer parameters"
+            elif self.preferred == self.best:
+                reason = "it predicted best, and none of the others misses the readings by so little"
             else:
-                reason = f"it predicted best, and none of {of} has fewer parameters"
-            lines.append(f"{self.preferred} is preferred: {reason} ({self[self.preferred].parameters}).")
+                reason = "its RMSE is the least, and the others miss the readings by more than a tenth more"
+            lines.append(f"{self.preferred} is preferred: {reason} ({self[self.preferred].parameters} parameters).")
         elif len(ranked) > 1:
             lines.append(f"{self.best} predicts best, and the records distinguish it from every other model.")
         else:
@@ -230,8 +232,9 @@ class Choice(Shown):
         for name, criteria in chosen.items():
             one = len(criteria) == 1
             least = f"{_listed(criteria)} {'is' if one else 'are'} least for {name}"
+            why = "it has fewer parameters" if own.parameters < self[name].parameters else "its RMSE is less"
             lines.append(
-                f"{least}, which also predicted best: {own.name} is preferred only because it has fewer parameters."
+                f"{least}, which also predicted best: {own.name} is preferred only because {why}."
                 if name == self.best
                 else f"{least}: {'it says' if one else 'they say'} how well a model describes the readings that it was "
                 "fitted to; the order here is that of readings that were held out."

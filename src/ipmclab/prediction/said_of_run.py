@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from ipmclab.identification.problem.record import LONGEST_DELAY
+from ipmclab.identification.problem.record import LONGEST_DELAY, rest_rows
 from ipmclab.quality import check
 from ipmclab.quality.beginning import REPAIR
 from ipmclab.quality.record import Record
@@ -60,7 +60,7 @@ def drifting_outputs(one: RunValidation) -> dict[str, float]:
     Without that slope less than half of what was missed is left. A prediction has no drift: how a sensor drifts in a
     run says nothing of another.
     """
-    if one.used_in_fit:
+    if one.used_in_fit or one.run.metadata.starts_from_rest is False:
         return {}
     slopes = {f.channel: f.values["slope"] for f in check(one.run) if f.code == "drift-before-step"}
     found = {}
@@ -70,7 +70,8 @@ def drifting_outputs(one: RunValidation) -> dict[str, float]:
             continue
         used = one.comparisons[name].used
         missed = (one.comparisons[name].measured - one.comparisons[name].predicted)[used]
-        drifted = float(slope) * (one.run.time - one.run.time[0])[used]
+        # The zero that was taken off is the mean of the rows at 0 V.
+        drifted = float(slope) * (one.run.time[used] - float(np.mean(one.run.time[: rest_rows(one.run)])))
         if np.linalg.norm(missed - drifted) < _MOSTLY * np.linalg.norm(missed):
             found[name] = float(slope)
     return found

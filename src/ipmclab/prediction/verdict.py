@@ -152,11 +152,12 @@ def _causes(fresh: Sequence[RunValidation], missed: Sequence[tuple[str, str, flo
             "the state at the start is not known, and the beginning cannot be predicted."
         )
     drifting = {(output, one.label): (one, slope) for one in fresh for output, slope in drifting_outputs(one).items()}
+    drifting = {key: found for key, found in drifting.items() if key in {one[:2] for one in missed}}
     for (output, label), (one, slope) in drifting.items():
         channel, length = CHANNELS[output], float(one.run.time[-1] - one.run.time[0])
         said.append(
-            f"The sensor of the {channel.name} drifts in {label}: its rows at 0 V show "
-            f"{channel.to_display(slope):.3g} {channel.display_unit}/s, {channel.to_display(abs(slope) * length):.3g} "
+            f"The sensor of the {channel.name} drifts in {label}: its rows at 0 V show {channel.to_display(slope):.3g} "
+            f"{channel.display_unit}/s, which makes {channel.to_display(abs(slope) * length):.3g} "
             f"{channel.display_unit} over the record. That is most of what was missed, and no prediction has a drift."
         )
     others = [one for one in missed if one[1] not in begin and one[:2] not in {*turned, *drifting}]

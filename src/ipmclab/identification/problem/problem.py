@@ -189,14 +189,16 @@ class Problem:
 
     @cached_property
     def linear(self) -> Mask:
-        """Which unknowns move the residuals by as much wherever all others are, and have no bounds.
+        """Which unknowns move the residuals in proportion, whatever the others are, and have no bounds.
 
-        What sensors add does, and the start of a strip whose model is linear; a reading that is only a bound hangs on
-        where the model is.
+        What sensors add does, and the start of a strip whose model is linear; not in a run with a reading that is only
+        a bound, which hangs on where the model is.
         """
-        if any(reading.has_bounds for record in self.records for reading in record.readings.values()):
-            return np.zeros(len(self.unknowns), dtype=bool)
-        kinds = [one.is_of_sensor or (one.is_start and self.responder.is_linear) for one in self.unknowns]
+        bounded = {r.place for r in self.records if any(reading.has_bounds for reading in r.readings.values())}
+        kinds = [
+            one.place not in bounded and (one.is_of_sensor or (one.is_start and self.responder.is_linear))
+            for one in self.unknowns
+        ]
         return np.asarray(np.array(kinds, dtype=bool) & ~np.isfinite(self.upper - self.lower))
 
     @cached_property

@@ -152,16 +152,17 @@ class PreparedRun:
     def drift_limits(self, output: str) -> tuple[float, float]:
         """Between which slopes a sensor drifts, where the rows at 0 V show one [SI/s].
 
-        They show the sensor alone, unless the strip moves in them: then it drifts by no more than what is seen. What a
-        line leaves of these rows may be a walk, whose slope over them is none over the record. Were all of the change
-        over a quarter of the rows a walk, of which a slope over T has the variance 6 q^2/(5 T), this is the error.
+        Where the strip is known to be at rest they show the sensor alone, and one of force or motion is held to them;
+        where the strip moves in them it drifts by no more than what is seen. What a line leaves of these rows may be a
+        walk, whose slope over them is none over the record. Were all of the change over a quarter of the rows a walk,
+        of which a slope over T has the variance 6 q^2/(5 T), this is the error.
         """
         rest = self.shown.get(("drift", output))
-        if rest is None:
-            return -math.inf, math.inf
-        if self.start == "free":
+        if rest is not None and self.start == "free":
             largest = abs(rest.value) + _SURELY * rest.error
             return -largest, largest
+        if rest is None or output == "current" or self.start == ASSUMED_REST:
+            return -math.inf, math.inf
         rows = np.flatnonzero(self.readings[output].exact[: self.resting])
         lag = len(rows) // 4
         walked = 0.0

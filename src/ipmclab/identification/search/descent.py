@@ -204,9 +204,16 @@ def weigh(problem: Problem, solution: Solution) -> tuple[Problem, Solution]:
         # Weights move the minimum by little: what one search does not reach, six in a row need not either.
         again = minimum_near(weighed, solution.theta, here, evaluations=max(left, SHORTLY))
         left -= again.evaluations
-        spent = again.evaluations + solution.evaluations
-        # Where a search under the weights before was left is only a start: this one has its own end.
-        problem, solution = weighed, replace(again, evaluations=spent)
+        found = solution.converged and not again.converged  # a minimum is one under weights that hardly differ
+        problem, solution = (
+            weighed,
+            replace(
+                again,
+                converged=again.converged or found,
+                message=solution.message if found else again.message,
+                evaluations=again.evaluations + solution.evaluations,
+            ),
+        )
     for _ in range(_WEIGHED_AGAIN):
         solution = settled(problem, solution)
         noise = found_noise(problem, solution)

@@ -82,7 +82,11 @@ class Projected:
                 break
             point[linear] += self._left
         self._last, self._follow = point, -back @ along[:-1].T
-        return Evaluation(others - along @ basis[kept], here.beforehand)
+        left = others - along @ basis[kept]
+        # What the linear entries imitate altogether is not felt: the rounding of its column would be.
+        imitated = np.linalg.norm(left[:-1], axis=1) <= STRUCTURAL * np.linalg.norm(others[:-1], axis=1)
+        left[:-1][imitated] = 0.0
+        return Evaluation(left, here.beforehand)
 
     def in_full(self, theta: FloatArray) -> tuple[FloatArray, Evaluation]:
         """The point of the whole problem, the linear entries at their best, and its evaluation."""

@@ -261,8 +261,8 @@ def _step_beside_bounds(problem: Solvable, theta: FloatArray, here: Evaluation) 
 
 
 def _farthest(problem: Solvable) -> FloatArray:
-    """How far derivatives lead: anywhere where the answer is linear."""
-    return np.where(problem.linear, np.inf, FARTHEST_STEP)
+    """How far derivatives lead: anywhere for what has no bounds, for which the answer is linear, or nearly so."""
+    return np.where(np.isfinite(problem.upper - problem.lower), FARTHEST_STEP, np.inf)
 
 
 def _is_inside(problem: Solvable, theta: FloatArray) -> bool:
@@ -339,7 +339,7 @@ def minimise(
     here : Evaluation, optional
         At ``theta``, where it is known already.
     evaluations : int
-        Limit of model evaluations.
+        Limit of points. Where some entries are linear a point may take two evaluations of the model.
     tolerance : float
         The search ends when a step lowers the cost by less than this part of it, or moves the entries by less than
         this part of their length. At a minimum with large residuals steps shrink only by a constant factor, and the
