@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from numpy import arctan, cos, exp, pi, sin
 
-from ipmclab.identification.problem.problem import Evaluation
+from ipmclab.identification.problem.evaluation import Evaluation
 from ipmclab.identification.search.solve import Solution, minimise
 from ipmclab.identification.search.tangent import entry_errors
 

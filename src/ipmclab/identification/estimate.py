@@ -42,7 +42,8 @@ from ipmclab.identification.search.doubts import contradicted_currents
 from ipmclab.identification.search.lowest import find_minima
 from ipmclab.identification.search.pose import need_as_many_readings, without_leak
 from ipmclab.identification.search.rest import could_be_zero, not_at_rest
-from ipmclab.identification.search.solve import Solution, settled_beside_unfelt
+from ipmclab.identification.search.settled import settled_beside_unfelt
+from ipmclab.identification.search.solve import Solution
 from ipmclab.identification.search.starts.usual import usual_coupling
 from ipmclab.identification.search.tangent import entry_errors, null_directions
 from ipmclab.identification.search.valleys import Minima, Rival

@@ -12,8 +12,9 @@ import numpy.typing as npt
 from ipmclab.confidence import NORMAL_95
 from ipmclab.fit.fit import Fit
 from ipmclab.fit.run_state import RunState
+from ipmclab.identification.problem.evaluation import Evaluation
 from ipmclab.identification.problem.order import Order
-from ipmclab.identification.problem.problem import Evaluation, Problem
+from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.problem.record import PreparedRun, model_hold, own_endings
 from ipmclab.identification.problem.unknowns import Unknown
 from ipmclab.identification.search.solve import descend

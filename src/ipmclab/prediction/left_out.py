@@ -17,8 +17,9 @@ from ipmclab.fit.fit_table import changed
 from ipmclab.fit.left_out import LeftOut
 from ipmclab.identification.noise.correlate import Correlated
 from ipmclab.identification.noise.pieces import Key, Piece
+from ipmclab.identification.problem.evaluation import Evaluation
 from ipmclab.identification.problem.order import Order
-from ipmclab.identification.problem.problem import Evaluation, Problem
+from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.problem.record import PreparedRun
 from ipmclab.identification.search.solve import descend
 from ipmclab.identification.search.tangent import STRUCTURAL, entry_errors

@@ -15,8 +15,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from ipmclab.identification.problem.evaluation import WELL_APART
 from ipmclab.identification.problem.place import Place
-from ipmclab.identification.problem.problem import WELL_APART, Problem
+from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.problem.record import PreparedRun, drive
 from ipmclab.identification.problem.response import CircuitResponder, circuits, lumped_derivatives
 from ipmclab.identification.problem.unknowns import Unknown

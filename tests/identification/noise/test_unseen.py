@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ipmclab.identification.noise import unseen
-from ipmclab.identification.problem.problem import Evaluation
+from ipmclab.identification.problem.evaluation import Evaluation
 from ipmclab.identification.search.solve import Solution
 
 

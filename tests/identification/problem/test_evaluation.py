@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from ipmclab import Run, load_actuator, simulate
+from ipmclab.identification.problem.evaluation import Evaluation
 from ipmclab.identification.problem.free import parse_free
-from ipmclab.identification.problem.problem import Evaluation, Problem
+from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.problem.record import ASSUMED_REST, prepare
 from ipmclab.identification.search.pose import problem_at
 from ipmclab.identification.search.solve import minimise, polish

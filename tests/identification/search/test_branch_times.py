@@ -11,7 +11,8 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from ipmclab import Actuator, Run, RunMetadata, identify, load_actuator, simulate
-from ipmclab.identification.problem.problem import Evaluation, Problem
+from ipmclab.identification.problem.evaluation import Evaluation
+from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.problem.response import lumped
 from ipmclab.identification.search.branch_times import BranchTimes
 from ipmclab.identification.search.branch_valley import Tied, branch_valley

@@ -11,7 +11,7 @@ import pytest
 
 from benchmarks.procedure import SEED, VirtualStrip
 from ipmclab import Run, identify, load_actuator
-from ipmclab.identification.problem.problem import Evaluation
+from ipmclab.identification.problem.evaluation import Evaluation
 from ipmclab.identification.search.doublet import COUPLING, _loosened, _may_be_off, has_doublet, without_doublet
 from ipmclab.identification.search.solve import Solution
 

@@ -9,9 +9,10 @@ import pytest
 from scipy.optimize import minimize
 
 from ipmclab import Run, RunMetadata, identify, load_actuator
-from ipmclab.identification.problem.problem import Evaluation
+from ipmclab.identification.problem.evaluation import Evaluation
 from ipmclab.identification.search.descent import weigh
-from ipmclab.identification.search.solve import Solution, settled, settled_beside_unfelt
+from ipmclab.identification.search.settled import settled, settled_beside_unfelt
+from ipmclab.identification.search.solve import Solution
 from ipmclab.identification.solved import solved
 from tests.identification.many import noisy
 

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from ipmclab.identification.problem.problem import Evaluation
+from ipmclab.identification.problem.evaluation import Evaluation
 from ipmclab.identification.search.solve import PATIENCE, minimise
 
 Array = npt.NDArray[np.float64]

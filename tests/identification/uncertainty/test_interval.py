@@ -12,7 +12,7 @@ import pytest
 from ipmclab import Run, identify, simulate
 from ipmclab.identification.noise.correlate import Correlated
 from ipmclab.identification.noise.growing import Growth
-from ipmclab.identification.problem.problem import Evaluation
+from ipmclab.identification.problem.evaluation import Evaluation
 from ipmclab.identification.problem.unknowns import Unknown, actuator_unknown
 from ipmclab.identification.search.solve import Solution
 from ipmclab.identification.search.valleys import Rival

@@ -13,7 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.identification.noise.pieces import Key, Piece, System, refine_noise
-from ipmclab.identification.problem.problem import Evaluation, Problem
+from ipmclab.identification.problem.evaluation import Evaluation
+from ipmclab.identification.problem.problem import Problem
 from ipmclab.normal_equations import inverse
 from ipmclab.run import FloatArray
 from ipmclab.statespace.columns import without

@@ -16,7 +16,8 @@ from ipmclab.identification.problem.response import ActuatorResponder, CircuitRe
 from ipmclab.identification.problem.unknowns import actuator_unknown, amplitudes
 from ipmclab.identification.search.descent import HOPE, SHORTLY, on_every_row
 from ipmclab.identification.search.pose import entries_at, problem_at, solved_for
-from ipmclab.identification.search.solve import Solution, minimise, settled_to
+from ipmclab.identification.search.settled import settled_to
+from ipmclab.identification.search.solve import Solution, minimise
 from ipmclab.identification.search.starts.start import starting_points
 from ipmclab.model import Actuator
 from ipmclab.model.declared import is_held

@@ -14,7 +14,8 @@ from ipmclab.identification.diagnostics.columns import of_voltage
 from ipmclab.identification.diagnostics.evidence import Evidence
 from ipmclab.identification.noise.correlate import FLOOR
 from ipmclab.identification.noise.pieces import Key, Piece, System, choose_noise, with_constants
-from ipmclab.identification.problem.problem import Evaluation, Problem
+from ipmclab.identification.problem.evaluation import Evaluation
+from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.solved import Estimate
 from ipmclab.identification.uncertainty.covariance import is_coloured
 from ipmclab.run import FloatArray

@@ -31,7 +31,8 @@ from ipmclab.identification.noise.pieces import (
 )
 from ipmclab.identification.noise.whitening import CorrelatedProblem
 from ipmclab.identification.noise.zeros import DriftingProblem, Projection, Zero
-from ipmclab.identification.problem.problem import Evaluation, Problem
+from ipmclab.identification.problem.evaluation import Evaluation
+from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.problem.unknowns import Unknown
 from ipmclab.identification.search.solve import Solution
 from ipmclab.run import FloatArray

@@ -16,7 +16,8 @@ from ipmclab.identification.noise.at_rest import (
     slope_at_rest,
 )
 from ipmclab.identification.noise.pieces import Key, Piece
-from ipmclab.identification.problem.problem import Evaluation, Problem
+from ipmclab.identification.problem.evaluation import Evaluation
+from ipmclab.identification.problem.problem import Problem
 from ipmclab.statespace.search import Allowed
 from ipmclab.statespace.shape import Shape
 

@@ -23,8 +23,8 @@ from ipmclab.identification.noise.at_rest import is_at_rest_too, is_shown_at_res
 from ipmclab.identification.noise.correlate import Again, Correlated
 from ipmclab.identification.noise.pieces import Key, System, refine_noise
 from ipmclab.identification.noise.whitening import CorrelatedProblem
-from ipmclab.identification.problem.problem import Evaluation
-from ipmclab.identification.search.solve import settled
+from ipmclab.identification.problem.evaluation import Evaluation
+from ipmclab.identification.search.settled import settled
 from ipmclab.run import FloatArray
 
 _TURNS: Final = 4  # of noise and parameters

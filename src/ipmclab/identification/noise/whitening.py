@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 
-from ipmclab.identification.problem.problem import Evaluation, Noise, Problem
+from ipmclab.identification.problem.evaluation import Evaluation
+from ipmclab.identification.problem.problem import Noise, Problem
 from ipmclab.run import FloatArray
 from ipmclab.statespace.whitening import Whitening
 

@@ -21,7 +21,8 @@ import numpy.typing as npt
 
 from ipmclab.identification.noise.at_rest import SlopeAtRest, slope_at_rest, slope_inflation
 from ipmclab.identification.noise.whitening import Changed
-from ipmclab.identification.problem.problem import Evaluation, Noise, Problem
+from ipmclab.identification.problem.evaluation import Evaluation
+from ipmclab.identification.problem.problem import Noise, Problem
 from ipmclab.identification.problem.record import PreparedRun
 from ipmclab.run import FloatArray
 from ipmclab.statespace.columns import constants

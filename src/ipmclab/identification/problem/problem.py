@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
 
@@ -12,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.fit.run_state import RunState
+from ipmclab.identification.problem.evaluation import Evaluation
 from ipmclab.identification.problem.in_state import InState, in_state
 from ipmclab.identification.problem.means import in_means
 from ipmclab.identification.problem.place import Place
@@ -27,87 +27,9 @@ Mask = npt.NDArray[np.bool_]
 Noise = Mapping[tuple[int, str], float]
 
 _RECTANGLE: Final = 3.0**0.5  # half width of a rectangular distribution, in its standard deviations
-WELL_APART: Final = 1e-3  # part of a scaled column that the ones before it do not imitate
 
 ROUNDING: Final = 1e-10
 """Part of the largest reading below which noise is not believed."""
-
-
-@dataclass(frozen=True, eq=False)
-class Evaluation:
-    """Weighted residuals (model minus reading, over noise) and their derivatives at one vector.
-
-    Parameters
-    ----------
-    rows : float array, shape (n_unknown + 1, n_residual)
-        The derivative with respect to each unknown, and last the residual.
-    beforehand : int
-        How many of the residuals, the last ones, are of what was known beforehand.
-    """
-
-    rows: FloatArray
-    beforehand: int = 0
-
-    @property
-    def residual(self) -> FloatArray:
-        """Weighted residuals, shape (n_residual,)."""
-        return np.asarray(self.rows[-1])
-
-    @property
-    def jacobian(self) -> FloatArray:
-        """Their derivatives, shape (n_residual, n_unknown)."""
-        return self.rows[:-1].T
-
-    @cached_property
-    def cost(self) -> float:
-        """Weighted sum of squares."""
-        with np.errstate(over="ignore"):
-            return float(self.residual @ self.residual)
-
-    @cached_property
-    def triangle(self) -> FloatArray:
-        """R of the QR decomposition of the Jacobian with the residual as its last column.
-
-        It holds all that a step, a rank or a covariance needs. Where the columns are well apart the Cholesky
-        factor of their products is the same in a tenth of the time. It is square however few the residuals are:
-        a row that they do not fill is zero.
-        """
-        products = np.empty((len(self.rows), len(self.rows)))
-        # A search may try values at which squares overflow: then there is no factor.
-        with np.errstate(over="ignore", invalid="ignore"):
-            products[:-1] = self.rows[:-1] @ self.rows.T
-            products[-1, :-1] = products[:-1, -1]
-            products[-1, -1] = self.cost
-            size = np.sqrt(np.maximum(products.diagonal(), 1e-300))
-            try:
-                factor = np.linalg.cholesky(products / (size[:, None] * size))
-            except np.linalg.LinAlgError:
-                factor = np.zeros_like(products)
-        if factor.diagonal().min() > WELL_APART:
-            return np.asarray(factor.T * size)
-        from scipy.linalg.lapack import dgeqrf
-
-        # The rows lie as LAPACK wants them: NumPy's function would turn them twice, in four times the time.
-        found = np.triu(dgeqrf(self.rows.T)[0][: len(self.rows)])
-        products[: len(found)], products[len(found) :] = found, 0.0
-        return products
-
-    @cached_property
-    def spectrum(self) -> tuple[FloatArray, FloatArray]:
-        """Singular values of the Jacobian, largest first, and the directions that they belong to, one a row."""
-        columns = len(self.rows) - 1
-        _, singular, directions = np.linalg.svd(self.triangle[:columns, :columns])
-        return singular, directions
-
-    @cached_property
-    def scaled_spectrum(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """The same with columns of length 1; then the residual, turned as they are, and the lengths of the columns."""
-        columns = len(self.rows) - 1
-        triangle, right = self.triangle[:columns, :columns], self.triangle[:columns, columns]
-        size = np.sqrt((triangle * triangle).sum(axis=0))
-        size[size == 0] = 1.0
-        left, singular, directions = np.linalg.svd(triangle / size)
-        return singular, directions, left.T @ right, size
 
 
 class Problem:

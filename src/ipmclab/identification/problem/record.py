@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from ipmclab.fit.observation import Start
 from ipmclab.fit.run_state import RunState
+from ipmclab.identification.problem.shown_at_rest import BEFORE_STEP, AtRest
 from ipmclab.model.numerics.drive import Drive
 from ipmclab.model.numerics.poles_loop import shifted_levels
 from ipmclab.model.numerics.timeline import timeline
@@ -33,10 +34,6 @@ READ_OUTPUTS: Final = ("current", "displacement", "force")
 
 LONGEST_DELAY: Final = 3
 """Rows by which the edges of a foreign record are searched to lie early or late."""
-
-_SURELY: Final = 3.3  # standard errors, beyond which a value is rarer than 0.1 %
-_BEFORE_STEP: Final = {"offset-before-step": "offset", "drift-before-step": "drift"}
-"""Findings of a record that call for an unknown of its observation."""
 
 _EDGE: Final = 0.05  # of the largest voltage
 
@@ -114,19 +111,6 @@ class Reading:
         return quantum_of(np.diff(self.measured))
 
 
-class AtRest(NamedTuple):
-    """The offset or the slope of the rows at 0 V, and its standard error [SI]."""
-
-    value: float
-    error: float
-
-    @classmethod
-    def of(cls, finding: Finding) -> AtRest:
-        """What the check says of it."""
-        name = "slope" if _BEFORE_STEP[finding.code] == "drift" else "offset"
-        return cls(float(finding.values[name] or 0.0), float(finding.values["standard_error"] or 0.0))
-
-
 @dataclass(frozen=True, eq=False)
 class PreparedRun:
     """A run made ready for the fit."""
@@ -153,26 +137,15 @@ class PreparedRun:
         """Between which slopes a sensor drifts, where the rows at 0 V show one [SI/s].
 
         Where the strip is known to be at rest they show the sensor alone, and one of force or motion is held to them;
-        where the strip moves in them it drifts by no more than what is seen. What a line leaves of these rows may be a
-        walk, whose slope over them is none over the record. Were all of the change over a quarter of the rows a walk,
-        of which a slope over T has the variance 6 q^2/(5 T), this is the error.
+        where the strip moves in them it drifts by no more than what is seen.
         """
         rest = self.shown.get(("drift", output))
         if rest is not None and self.start == "free":
-            largest = abs(rest.value) + _SURELY * rest.error
-            return -largest, largest
+            return rest.at_most
         if rest is None or output == "current" or self.start == ASSUMED_REST:
             return -math.inf, math.inf
         rows = np.flatnonzero(self.readings[output].exact[: self.resting])
-        lag = len(rows) // 4
-        walked = 0.0
-        if lag:
-            time, values = self.run.time[rows], self.readings[output].values[rows]
-            left = values - rest.value * time
-            strays = float(np.mean((left[lag:] - left[:-lag]) ** 2)) / float(time[lag] - time[0])
-            walked = math.sqrt(1.2 * strays / float(time[-1] - time[0]))
-        reach = _SURELY * math.hypot(rest.error, walked)
-        return rest.value - reach, rest.value + reach
+        return rest.slopes(self.run.time[rows], self.readings[output].values[rows])
 
     @property
     def period(self) -> float:
@@ -260,9 +233,9 @@ def prepare(
     if run.metadata.origin == "simulated":
         unsettled = set()
     shown = {
-        (_BEFORE_STEP[finding.code], str(finding.channel)): AtRest.of(finding)
+        (BEFORE_STEP[finding.code], str(finding.channel)): AtRest.of(finding)
         for finding in findings
-        if finding.code in _BEFORE_STEP and finding.channel in readings
+        if finding.code in BEFORE_STEP and finding.channel in readings
     }
     return PreparedRun(
         _with_effective_voltage(run, findings),

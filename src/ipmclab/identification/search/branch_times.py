@@ -19,7 +19,8 @@ from typing import Final, Self
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.identification.problem.problem import Evaluation, Problem
+from ipmclab.identification.problem.evaluation import Evaluation
+from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.problem.record import PreparedRun, drive
 from ipmclab.identification.problem.response import lumped
 from ipmclab.model.admittance import Elements, admittance

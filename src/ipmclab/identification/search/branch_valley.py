@@ -19,7 +19,8 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.identification.problem.problem import Evaluation, Problem
+from ipmclab.identification.problem.evaluation import Evaluation
+from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.search.branch_times import BranchTimes
 from ipmclab.identification.search.projected import Solvable
 from ipmclab.identification.search.solve import Solution, descend, minimise

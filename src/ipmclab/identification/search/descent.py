@@ -10,21 +10,11 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.identification.problem.problem import Evaluation, Noise, Problem
+from ipmclab.identification.problem.evaluation import Evaluation
+from ipmclab.identification.problem.problem import Noise, Problem
 from ipmclab.identification.problem.response import CircuitResponder
-from ipmclab.identification.search.solve import (
-    PATIENCE,
-    SETTLED,
-    THERE,
-    Shifted,
-    Solution,
-    descend,
-    minimise,
-    polish,
-    settle,
-    settled,
-    settled_to,
-)
+from ipmclab.identification.search.settled import SETTLED, settle, settled, settled_to
+from ipmclab.identification.search.solve import PATIENCE, THERE, Shifted, Solution, descend, minimise, polish
 from ipmclab.identification.search.tangent import STRUCTURAL, known_beforehand, with_others
 from ipmclab.identification.search.valleys import NEAR
 

@@ -7,7 +7,7 @@ from typing import Final, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.identification.problem.problem import Evaluation
+from ipmclab.identification.problem.evaluation import Evaluation
 from ipmclab.identification.search.tangent import STRUCTURAL, UNFELT
 
 FloatArray = npt.NDArray[np.float64]

@@ -8,19 +8,15 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.identification.problem.problem import Evaluation, Problem
+from ipmclab.identification.problem.evaluation import Evaluation
 from ipmclab.identification.search.projected import Projected, Searched, Solvable
-from ipmclab.identification.search.tangent import UNFELT, gauss_newton, null_directions, with_others
+from ipmclab.identification.search.tangent import UNFELT, gauss_newton, with_others
 
 FloatArray = npt.NDArray[np.float64]
 
 NEGLIGIBLE: Final = 1e-6
 """A decrease of the cost that moves no parameter by a thousandth of its standard error."""
 
-SETTLED: Final = 1e-9
-"""Of a standard error: a step shorter than that is none."""
-
-_FAR: Final = 1.0  # standard errors: from farther away a search has not ended
 MOST_STEPS: Final = 12  # Gauss-Newton steps in a row (a limit)
 FARTHEST_STEP: Final = 3.0  # of a logarithm, a factor of 20: derivatives lead no farther (convention)
 NOTHING: Final = 1e-12  # of the cost: a decrease that is rounding
@@ -32,8 +28,6 @@ PATIENCE: Final = 30
 _HARDLY_FALLS: Final = 0.1  # of chi-square: less than readings tell
 AT_BOUND: Final = 1e-3
 """Of a logarithm or a scale: an entry that near to its bound says no more than that it is there."""
-
-_ASIDE: Final = 1e-6  # so far inside the bound it stays
 
 THERE: Final = "the parameters stopped moving"
 
@@ -81,7 +75,7 @@ class Pinned:
             By how much a further step would lower the cost.
         """
         lower, upper = self._problem.lower, self._problem.upper
-        farthest = _farthest(self._problem)
+        reach = farthest(self._problem)
         best = theta.copy()
         best[self._place] = self._entry
         lowest, left, spent = np.inf, np.inf, 0
@@ -91,7 +85,7 @@ class Pinned:
             theta[self._place] = self._entry
             inside = (lower < theta) & (theta < upper)
             inside[self._place] = True
-            if not inside.all() or (np.abs(step) > farthest).any():
+            if not inside.all() or (np.abs(step) > reach).any():
                 break
             here = self._whole(theta)
             spent += 1
@@ -171,13 +165,13 @@ def polish(problem: Solvable, theta: FloatArray, here: Evaluation | None = None)
     spent = 0
     if here is None:
         here, spent = problem.evaluate(theta), 1
-    farthest = _farthest(problem)
+    reach = farthest(problem)
     for _ in range(MOST_STEPS):
         step, expected = gauss_newton(here)
         if expected <= max(NEGLIGIBLE, NOTHING * here.cost):
             return Solution(theta, here, True, _REASONS[1], spent)
         trial = theta + step
-        if not _is_inside(problem, trial) or (np.abs(step) > farthest).any():
+        if not _is_inside(problem, trial) or (np.abs(step) > reach).any():
             return None
         there = problem.evaluate(trial)
         spent += 1
@@ -188,117 +182,13 @@ def polish(problem: Solvable, theta: FloatArray, here: Evaluation | None = None)
     return None
 
 
-def settled(problem: Solvable, solution: Solution) -> Solution:
-    """The minimum itself, wherever near it a search has stopped.
-
-    A search ends where nothing is left to gain. How near that is to the minimum hangs on its path, and that on the
-    last bits of the processor's arithmetic. Gauss-Newton steps go on from there, each shorter than the one before,
-    until a step is below ``SETTLED`` standard errors. What presses on its bound stays there; along directions of which
-    the readings say nothing no step is made.
-    """
-    return settled_to(problem, solution, SETTLED)[0]
-
-
-def settled_beside_unfelt(problem: Solvable, solution: Solution) -> Solution:
-    """The same where an entry is hardly felt; else the solution as it is.
-
-    The step of such an entry leads out of its range, or farther than derivatives lead: it says nothing, and no step of
-    all entries can be made. That entry stays where the search has left it, and the others settle beside it.
-    """
-    step = (
-        _step_beside_bounds(problem, solution.theta, solution.evaluation)[0] if len(solution.theta) else solution.theta
-    )
-    trial = solution.theta + step
-    is_far = np.abs(step) > _farthest(problem)
-    is_far |= (trial < problem.lower) | (trial > problem.upper)
-    if not is_far.any():
-        return solution
-    place = int(np.argmax(np.where(is_far, np.abs(step), -1.0)))
-    pinned = Pinned(problem, place, float(solution.theta[place]))
-    others = np.delete(solution.theta, place)
-    start = replace(solution, theta=others, evaluation=pinned.evaluate(others), evaluations=solution.evaluations + 1)
-    return pinned.in_full(settled(pinned, settled_beside_unfelt(pinned, start)))
-
-
-def settled_to(problem: Solvable, solution: Solution, ending: float) -> tuple[Solution, float]:
-    """The same until a step is below so many standard errors; and how long the next one would be."""
-    theta, here, spent = solution.theta, solution.evaluation, solution.evaluations
-    if not len(theta):
-        return solution, 0.0
-    step, length = _step_beside_bounds(problem, theta, here)
-    if not length < _FAR:
-        return solution, length
-    for _ in range(MOST_STEPS):
-        if length <= ending:
-            break
-        there = problem.evaluate(theta + step)
-        spent += 1
-        following, left = _step_beside_bounds(problem, theta + step, there)
-        if not left < length:
-            break
-        theta, here, step, length = theta + step, there, following, left
-    return replace(solution, theta=theta, evaluation=here, evaluations=spent), length
-
-
-def _step_beside_bounds(problem: Solvable, theta: FloatArray, here: Evaluation) -> tuple[FloatArray, float]:
-    """A Gauss-Newton step that leaves no bound, and its length in standard errors."""
-    step, _ = gauss_newton(here)
-    trial = theta + step
-    low = (trial < problem.lower + _ASIDE) & (theta < problem.lower + AT_BOUND)
-    high = (trial > problem.upper - _ASIDE) & (theta > problem.upper - AT_BOUND)
-    held = low | high
-    if held.any():
-        aside = np.where(low, problem.lower + _ASIDE, np.where(high, problem.upper - _ASIDE, theta)) - theta
-        free = np.flatnonzero(~held)
-        rows = np.vstack([here.rows[free], here.rows[-1] + aside[held] @ here.rows[:-1][held]])
-        step = aside
-        step[free] = gauss_newton(Evaluation(rows, here.beforehand))[0] if len(free) else 0.0
-        trial = theta + step
-    if ((trial < problem.lower) | (trial > problem.upper)).any():
-        return step, np.inf  # a bound lies between: the search has said what there is to say
-    scale = np.sqrt(max(here.cost / max(len(here.residual) - len(theta), 1), 1e-300))
-    return step, float(np.linalg.norm(here.triangle[:, :-1] @ step)) / scale
-
-
-def _farthest(problem: Solvable) -> FloatArray:
+def farthest(problem: Solvable) -> FloatArray:
     """How far derivatives lead: anywhere for what has no bounds, for which the answer is linear, or nearly so."""
     return np.where(np.isfinite(problem.upper - problem.lower), FARTHEST_STEP, np.inf)
 
 
 def _is_inside(problem: Solvable, theta: FloatArray) -> bool:
     return bool(((problem.lower < theta) & (theta < problem.upper)).all())
-
-
-def settle(problem: Problem, solution: Solution, reference: FloatArray) -> Solution:
-    """Along directions of which the readings say nothing, move to the point nearest to a reference.
-
-    Such directions bend: each short step along them is followed by steps back to the minimum.
-    """
-    reach = 0.5
-    spent = solution.evaluations
-    for _ in range(60):
-        null = null_directions(solution.evaluation)
-        move = null.T @ (null @ (reference - solution.theta))
-        length = float(np.linalg.norm(move))
-        if length < 1e-4 or reach < 1e-3:
-            break
-        trial = solution.theta + move * min(1.0, reach / length)
-        inside = np.clip(trial, problem.lower + 1e-6, problem.upper - 1e-6)
-        back = polish(problem, inside)
-        gained = (
-            back is not None
-            and back.evaluation.cost <= solution.evaluation.cost + 1e-3 + 1e-9 * solution.evaluation.cost
-        )
-        if back is not None and gained and _distance(back.theta, reference) < _distance(solution.theta, reference):
-            solution = back
-            spent += back.evaluations
-        else:
-            reach *= 0.5
-    return replace(solution, evaluations=spent)
-
-
-def _distance(theta: FloatArray, reference: FloatArray) -> float:
-    return float(np.linalg.norm(theta - reference))
 
 
 def descend(

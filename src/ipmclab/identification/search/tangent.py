@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.identification.problem.problem import Evaluation
+from ipmclab.identification.problem.evaluation import Evaluation
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -14,7 +14,7 @@ from ipmclab.confidence import REJECT
 from ipmclab.identification.noise.correlate import FLOOR, Correlated
 from ipmclab.identification.noise.growing import Growth, growth
 from ipmclab.identification.noise.spread import degrees_of_freedom, spread_of_weighted
-from ipmclab.identification.problem.problem import Evaluation
+from ipmclab.identification.problem.evaluation import Evaluation
 from ipmclab.identification.search.tangent import least_seen
 from ipmclab.identification.uncertainty.unshown_zero import hidden_zeros
 from ipmclab.normal_equations import root

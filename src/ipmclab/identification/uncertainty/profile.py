@@ -9,7 +9,8 @@ from typing import Final
 
 import numpy as np
 
-from ipmclab.identification.problem.problem import Evaluation, Problem
+from ipmclab.identification.problem.evaluation import Evaluation
+from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.problem.response import CircuitResponder
 from ipmclab.identification.search.solve import AT_BOUND, THERE, Pinned, Solution, descend
 from ipmclab.identification.search.tangent import with_others

@@ -15,8 +15,9 @@ from typing import Final
 import numpy as np
 
 from ipmclab.fit.practical import CollinearSet, Combination, Practical
+from ipmclab.identification.problem.evaluation import Evaluation
 from ipmclab.identification.problem.order import Order
-from ipmclab.identification.problem.problem import Evaluation, Problem
+from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.search.solve import Solution
 from ipmclab.identification.search.tangent import STRUCTURAL, least_seen
 from ipmclab.identification.uncertainty.covariance import MOVED, left_of_the_asked
