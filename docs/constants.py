@@ -33,12 +33,11 @@ class Constant:
 
     Parameters
     ----------
-    room, file, name, value, words : str
+    file, name, value, words : str
         ``words`` say what it is and where it comes from; empty where nobody wrote that.
     line : int
     """
 
-    room: str
     file: str
     line: int
     name: str
@@ -61,7 +60,7 @@ def constants_of(room: str, source: Path = SOURCE) -> Iterator[Constant]:
             words = _comment(lines, node) or _docstring(tree, number)
             shown = " ".join(ast.unparse(value).split())
             where = path.relative_to(source).as_posix()
-            yield Constant(room, where, node.lineno, name, shown if len(shown) < 60 else f"{shown[:57]}...", words)
+            yield Constant(where, node.lineno, name, shown if len(shown) < 60 else f"{shown[:57]}...", words)
 
 
 def page(source: Path = SOURCE) -> str:
@@ -102,7 +101,7 @@ def _comment(lines: list[str], node: ast.stmt) -> str:
     """What stands behind it, or alone on the lines before it."""
     for line in lines[node.lineno - 1 : node.end_lineno]:
         if "  # " in line:
-            return line.split("  # ", 1)[1].removeprefix("noqa").strip()
+            return line.split("  # ", 1)[1].strip()
     above = []
     for line in reversed(lines[: node.lineno - 1]):
         if not line.startswith("# "):

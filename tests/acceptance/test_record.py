@@ -29,6 +29,7 @@ from ipmclab.errors import IpmclabError
 from ipmclab.rig.process.client import Recorder
 from ipmclab.run import Run
 from ipmclab.store.journal.record import read_journal
+from tests.priority import granted
 
 pytestmark = [
     pytest.mark.skipif(os.name != "posix", reason="signals and terminals of POSIX"),
@@ -391,12 +392,6 @@ def follow(recorder: Recorder) -> dict[str, Any]:
             recorder.close()
             wait_until(lambda: not is_there(recorder.process), 10.0, "the end of its process")
             return {**message.values, "acknowledged": acknowledged, "told": told or time.time()}
-
-
-def granted() -> int:
-    """How nice a process is that asked the system to let it go before others."""
-    ask = "import os; from ipmclab.platform import go_first; go_first(); print(os.nice(0))"
-    return int(subprocess.run([sys.executable, "-c", ask], capture_output=True, check=True).stdout)
 
 
 def is_there(process: int) -> bool:

@@ -16,6 +16,7 @@ from ipmclab.errors import IpmclabError
 from ipmclab.rig.channels import THESIS_RIG
 from ipmclab.rig.safety.guarded_output import Target
 from ipmclab.rig.safety.guardian import Guardian
+from tests.priority import granted
 from tests.waiting import until
 
 RECORDER = """
@@ -131,11 +132,9 @@ def test_a_recorder_that_computes_for_too_long_is_told_so(tmp_path: Path) -> Non
 def test_it_goes_before_other_programs_where_the_system_grants_it(tmp_path: Path) -> None:
     if not hasattr(os, "getpriority"):
         pytest.skip("this system has no nice")
-    ask = "import os; from ipmclab.platform import go_first; go_first(); print(os.nice(0))"
-    granted = int(subprocess.run([sys.executable, "-c", ask], capture_output=True, check=True).stdout)
     with Guardian(Target("file", str(tmp_path / "output.txt"))) as guardian:
         guardian.wait()
-        assert os.getpriority(os.PRIO_PROCESS, guardian.pid) == granted
+        assert os.getpriority(os.PRIO_PROCESS, guardian.pid) == granted()
 
 
 def test_what_is_not_armed_is_left_alone(tmp_path: Path) -> None:

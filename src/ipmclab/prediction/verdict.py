@@ -151,8 +151,13 @@ def _causes(fresh: Sequence[RunValidation], missed: Sequence[tuple[str, str, flo
             f"{_listed(begin)} {'begins' if len(begin) == 1 else 'begin'} under voltage, and the prediction from rest: "
             "the state at the start is not known, and the beginning cannot be predicted."
         )
-    drifting = {(output, one.label): (one, slope) for one in fresh for output, slope in drifting_outputs(one).items()}
-    drifting = {key: found for key, found in drifting.items() if key in {one[:2] for one in missed}}
+    judged = {one[:2] for one in missed}
+    drifting = {
+        (output, one.label): (one, slope)
+        for one in fresh
+        for output, slope in drifting_outputs(one).items()
+        if (output, one.label) in judged
+    }
     for (output, label), (one, slope) in drifting.items():
         channel, length = CHANNELS[output], float(one.run.time[-1] - one.run.time[0])
         said.append(

@@ -335,16 +335,20 @@ def with_noise(problem: Problem, solution: Solution, yielding: Sequence[int], ag
 def _beside(problem: Problem, piece: Piece, shape: Shape) -> Zero | None:
     """The zero and slope beside the parameters.
 
-    A walk begins somewhere. It also goes somewhere, but where no row at 0 V says how far, the parameters are asked to
-    explain the readings first: a slope would take up the slow answer of the strip. A current, read over a resistor, has
-    a slope only where these rows show one.
+    A walk begins somewhere, and a sensor of force or motion goes somewhere; but where no row at 0 V says how far, the
+    parameters are asked to explain the readings first: a slope would take up the slow answer of the strip. A current,
+    read over a resistor, has a slope only beside a walk, and where these rows show one.
     """
     record, output, terms = problem.record_at(piece.key[0]), piece.key[1], shape.terms
     unit = problem.noise[piece.key]
-    rest = slope_at_rest(record, output, shape, unit)
-    known = (terms.walk and rest.is_shown) if output == "current" else math.isfinite(rest.error)
+
+    def is_known() -> bool:
+        if output == "current":
+            return terms.walk and slope_at_rest(record, output, shape, unit).is_shown
+        return math.isfinite(slope_at_rest(record, output, shape, unit).error)
+
     offset = (terms.offset or terms.walk) and piece.allowed.offset
-    trend = (terms.trend or known) and piece.allowed.trend
+    trend = piece.allowed.trend and (terms.trend or is_known())
     return Zero.of(record, output, Terms(offset=offset, trend=trend), shape, unit) if offset or trend else None
 
 

@@ -1,15 +1,16 @@
-"""Weighted residuals and their derivatives at one point, and what linear algebra makes of them."""
+"""Weighted residuals and their derivatives at one point, what linear algebra makes of them, and what can give them."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Final
+from typing import Final, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 FloatArray = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
 
 WELL_APART: Final = 1e-3  # part of a scaled column that the ones before it do not imitate
 
@@ -89,3 +90,21 @@ class Evaluation:
         size[size == 0] = 1.0
         left, singular, directions = np.linalg.svd(triangle / size)
         return singular, directions, left.T @ right, size
+
+
+class Searched(Protocol):
+    """What can be searched: weighted residuals inside bounds."""
+
+    lower: FloatArray
+    upper: FloatArray
+
+    def evaluate(self, theta: FloatArray) -> Evaluation:
+        """Residuals and Jacobian."""
+
+
+class Solvable(Searched, Protocol):
+    """What can be minimised: the same, and which entries are linear whatever the others are; these have no bounds."""
+
+    @property
+    def linear(self) -> Mask:
+        """Of each entry."""

@@ -56,7 +56,7 @@ class Place:
         columns = [(column, unknown) for column, unknown in own if unknown.base in base]
         sensors: dict[str, list[tuple[int, FloatArray | float]]] = {output: [] for output in record.readings}
         for column, unknown in own:
-            if unknown.base.startswith(("observation.offset.", "observation.drift.")):
+            if unknown.is_of_sensor:
                 what, output = unknown.base.split(".")[1:]
                 since = record.run.time - record.run.time[0] if what == "drift" else 1.0
                 sensors[output].append((column, since * unknown.scale))

@@ -32,9 +32,7 @@ def assumed_zeros(problem: Problem, names: FreeParameters) -> list[int]:
 
 def is_assumed_zero(unknown: Unknown, names: FreeParameters) -> bool:
     """Whether it is an offset or a drift that nobody freed by name."""
-    return unknown.base.startswith(("observation.offset.", "observation.drift.")) and (
-        unknown.base not in names.observation
-    )
+    return unknown.is_of_sensor and unknown.base not in names.observation
 
 
 def without_idle(problem: Problem, solution: Solution, names: FreeParameters) -> tuple[Problem, Solution]:

@@ -19,10 +19,9 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.identification.problem.evaluation import Evaluation
+from ipmclab.identification.problem.evaluation import Evaluation, Solvable
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.search.branch_times import BranchTimes
-from ipmclab.identification.search.projected import Solvable
 from ipmclab.identification.search.solve import Solution, descend, minimise
 from ipmclab.identification.search.tangent import entry_errors
 from ipmclab.identification.search.valleys import EVALUATIONS, NEAR, SURELY_SOMEWHERE, Place

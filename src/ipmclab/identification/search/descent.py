@@ -194,16 +194,10 @@ def weigh(problem: Problem, solution: Solution) -> tuple[Problem, Solution]:
         # Weights move the minimum by little: what one search does not reach, six in a row need not either.
         again = minimum_near(weighed, solution.theta, here, evaluations=max(left, SHORTLY))
         left -= again.evaluations
-        found = solution.converged and not again.converged  # a minimum is one under weights that hardly differ
-        problem, solution = (
-            weighed,
-            replace(
-                again,
-                converged=again.converged or found,
-                message=solution.message if found else again.message,
-                evaluations=again.evaluations + solution.evaluations,
-            ),
-        )
+        again = replace(again, evaluations=again.evaluations + solution.evaluations)
+        if solution.converged and not again.converged:  # a minimum is one under weights that hardly differ
+            again = replace(again, converged=True, message=solution.message)
+        problem, solution = weighed, again
     for _ in range(_WEIGHED_AGAIN):
         solution = settled(problem, solution)
         noise = found_noise(problem, solution)

@@ -2,38 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Final, Protocol
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.identification.problem.evaluation import Evaluation
+from ipmclab.identification.problem.evaluation import Evaluation, Solvable
 from ipmclab.identification.search.tangent import STRUCTURAL, UNFELT
 
 FloatArray = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
-
 
 _AT_BEST: Final = 1e-3
 """Of chi-square: linear entries that could lower the cost by no more are at their best for what the others do."""
-
-
-class Searched(Protocol):
-    """What can be searched: weighted residuals inside bounds."""
-
-    lower: FloatArray
-    upper: FloatArray
-
-    def evaluate(self, theta: FloatArray) -> Evaluation:
-        """Residuals and Jacobian."""
-
-
-class Solvable(Searched, Protocol):
-    """What can be minimised: the same, and which entries are linear whatever the others are; these have no bounds."""
-
-    @property
-    def linear(self) -> Mask:
-        """Of each entry."""
 
 
 class Projected:

@@ -8,9 +8,8 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.identification.problem.evaluation import Evaluation
+from ipmclab.identification.problem.evaluation import Evaluation, Solvable
 from ipmclab.identification.problem.problem import Problem
-from ipmclab.identification.search.projected import Solvable
 from ipmclab.identification.search.solve import AT_BOUND, MOST_STEPS, Pinned, Solution, farthest, polish
 from ipmclab.identification.search.tangent import gauss_newton, null_directions
 

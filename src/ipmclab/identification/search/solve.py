@@ -8,8 +8,8 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.identification.problem.evaluation import Evaluation
-from ipmclab.identification.search.projected import Projected, Searched, Solvable
+from ipmclab.identification.problem.evaluation import Evaluation, Searched, Solvable
+from ipmclab.identification.search.projected import Projected
 from ipmclab.identification.search.tangent import UNFELT, gauss_newton, with_others
 
 FloatArray = npt.NDArray[np.float64]

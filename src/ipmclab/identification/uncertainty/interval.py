@@ -27,7 +27,7 @@ _CURVED: Final = 0.05  # standard error of a logarithm above which the likelihoo
 _BENT: Final = 0.15  # the same for what is no logarithm, as a part of its value
 _COSTLY: Final = 0.7  # and above which, with more than a circuit, whose runs are costly, it is open without asking
 _TWO_ERRORS: Final = 2.0 * DETERMINED  # how far apart minima lie that are still the same answer
-_SUREAT_BOUNDS: Final = 0.995  # of the probability, up to each end
+_SURE_AT_BOUNDS: Final = 0.995  # of the probability, up to each end
 _OPEN_EDGE: Final = 0.3  # part of what is known of an edge beforehand that the readings leave of it
 _LEFT_OUT: Final = 0.05  # of the probability, beyond both ends together
 _TAILS: Final = (0.025, 0.03, 0.035, 0.04)  # of it beyond the end that lies farther off
@@ -112,7 +112,7 @@ def interval_of(
     if math.isinf(error) or (unknown.log and found.plain[number, number] > hopeless**2):
         return Interval(*open_ends(unknown))
     # An edge that lies just where its rows still allow it (on a row) is no rare case: nearer to 99 % of the others.
-    level = _SUREAT_BOUNDS if unknown.log and open_edges else 1.0 - 0.5 * _LEFT_OUT
+    level = _SURE_AT_BOUNDS if unknown.log and open_edges else 1.0 - 0.5 * _LEFT_OUT
     reach = float(stdtrit(freedom, level)) * math.sqrt(variance)
     curved = math.sqrt(variance) > (_CURVED if unknown.log else _BENT * abs(entry))
     if not followed or not curved or not (unknown.log or is_curved(unknown.base)):
@@ -123,7 +123,7 @@ def interval_of(
     # How the squares rise on either side of the value shows in means of the rows as well.
     walks = tuple(Walk(*shorter(problem, solution), place, side * math.sqrt(plain)) for side in (-1.0, 1.0))
     wider = math.sqrt(max(variance / plain, 1.0))
-    tails = _TAILS if level < _SUREAT_BOUNDS else (1.0 - level,)
+    tails = _TAILS if level < _SURE_AT_BOUNDS else (1.0 - level,)
     (down, up), even = _shortest(walks, freedom, wider, tails)
     low, high = beside_bounds(unknown, entry - down, entry + up)
     allowed = beside_bounds(unknown, entry - even[0], entry + even[1])

@@ -203,11 +203,13 @@ def _minima(seen: MotionSeries, count: int) -> list[PoleFit]:
 def _beyond(seen: MotionSeries, common: FloatArray) -> Iterator[tuple[int, float]]:
     """The series whose slope is none that its rows at 0 V allow, and the nearest one that is."""
     for (k, is_slope), weight in zip(_columns(seen), common, strict=True):
+        if not is_slope:
+            continue
         slope = float(weight) / float(seen.series[k].time[-1])
         record, output = seen.labels[k]
         least, most = record.drift_limits(output)
         nearest = min(max(slope, least / seen.scales[k]), most / seen.scales[k])
-        if is_slope and nearest != slope:
+        if nearest != slope:
             yield k, nearest
 
 
