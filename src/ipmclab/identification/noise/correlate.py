@@ -341,14 +341,12 @@ def _beside(problem: Problem, piece: Piece, shape: Shape) -> Zero | None:
     """
     record, output, terms = problem.record_at(piece.key[0]), piece.key[1], shape.terms
     unit = problem.noise[piece.key]
-
-    def is_known() -> bool:
-        if output == "current":
-            return terms.walk and slope_at_rest(record, output, shape, unit).is_shown
-        return math.isfinite(slope_at_rest(record, output, shape, unit).error)
-
+    known = False
+    if output != "current" or terms.walk:
+        rest = slope_at_rest(record, output, shape, unit)
+        known = rest.is_shown if output == "current" else math.isfinite(rest.error)
     offset = (terms.offset or terms.walk) and piece.allowed.offset
-    trend = piece.allowed.trend and (terms.trend or is_known())
+    trend = (terms.trend or known) and piece.allowed.trend
     return Zero.of(record, output, Terms(offset=offset, trend=trend), shape, unit) if offset or trend else None
 
 
