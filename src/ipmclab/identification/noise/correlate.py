@@ -335,9 +335,8 @@ def with_noise(problem: Problem, solution: Solution, yielding: Sequence[int], ag
 def _beside(problem: Problem, piece: Piece, shape: Shape) -> Zero | None:
     """The zero and slope beside the parameters.
 
-    A walk begins somewhere, and a sensor of force or motion goes somewhere; but where no row at 0 V says how far, the
-    parameters are asked to explain the readings first: a slope would take up the slow answer of the strip. A current,
-    read over a resistor, has a slope only beside a walk, and where these rows show one.
+    A walk begins somewhere, and a sensor of force or motion goes somewhere; where no row at 0 V says how far, a slope
+    would take up the slow answer of the strip. A current has one only beside a walk, and where these rows show it.
     """
     record, output, terms = problem.record_at(piece.key[0]), piece.key[1], shape.terms
     unit = problem.noise[piece.key]
