@@ -137,13 +137,13 @@ class PreparedRun:
         """Between which slopes a sensor drifts, where the rows at 0 V show one [SI/s].
 
         Where the strip is known to be at rest they show the sensor alone, and one of force or motion is held to them;
-        where the strip moves in them it drifts by no more than what is seen.
+        where the strip may move in them the sensor drifts by no more than what is seen.
         """
         rest = self.shown.get(("drift", output))
-        if rest is not None and self.start == "free":
-            return rest.at_most
-        if rest is None or output == "current" or self.start == ASSUMED_REST:
+        if rest is None or (output == "current" and self.start != "free"):
             return -math.inf, math.inf
+        if self.start in ("free", ASSUMED_REST):
+            return rest.at_most
         rows = np.flatnonzero(self.readings[output].exact[: self.resting])
         return rest.slopes(self.run.time[rows], self.readings[output].values[rows])
 
@@ -180,6 +180,11 @@ class PreparedRun:
     def resting(self) -> int:
         """Rows at 0 V before the voltage first moves."""
         return rest_rows(self.run)
+
+    @property
+    def could_show_motion(self) -> bool:
+        """Whether its readings could tell a strip that was not at rest: by its current, or by beginning in mid-run."""
+        return "current" in self.readings or self.resting - LONGEST_DELAY < _SHOWS_ZERO
 
     @property
     def zero_is_unseen(self) -> bool:
