@@ -7,9 +7,11 @@ resistance and the zero of the current free, the voltage taken as it is recorded
 
 Real: the current of four records, 5 s before to 60 s after the contact, two and three branches; then fitted up to 30 s
 (15 s) and predicted to 60 s (30 s), with the share of readings that lie in the 80 and 95 % bands. Simulated: strips
-drawn about friend-2 by a factor of 3 each way, with one branch more than the fit has, a leak, or electrodes as a line;
-a step of 0.5 to 2.5 V from 5 s on, 40 s, 10 to 100 S/s, white noise of 0 to 0.03 mA, readings rounded to 0 to 0.1 mA,
-the hold known or not; two branches are fitted. Seed 20261122.
+drawn about friend-2 by a factor of 3 each way, with one branch more than the fit has, a leak, electrodes as a line, or
+a contact whose resistance grows once by 1 to 10 ohm; a step of 0.5 to 2.5 V from 5 s on, 40 s, 10 to 100 S/s, white
+noise of 0 to 0.03 mA, readings rounded to 0 to 0.1 mA, the hold known or not; two branches are fitted. Of a sixth of
+them the displacement is read, which has one slow mode more than the fit (noise 0 to 3 um, rounded to 0 to 10 um, the
+circuit known), beside least squares of as many real poles with residues of any size and the zero free. Seed 20261122.
 """
 
 from __future__ import annotations
@@ -27,6 +29,7 @@ import scipy.signal
 import ipmclab
 from benchmarks.harness import finish
 from benchmarks.real_records import StepRecord, records
+from ipmclab.model import simulate_outputs
 from ipmclab.model.variants import with_stages
 
 SOURCES = ("src/ipmclab/model", "src/ipmclab/identification", "src/ipmclab/statespace", "src/ipmclab/fit")
@@ -97,6 +100,52 @@ class Compared:
         return self.left / self.plain
 
 
+def poles_left(node: Array, readings: Array, period: float, count: int) -> float:
+    """What real poles of the node's voltage, with residues of any size and a zero, leave at best of some readings."""
+    lower, upper = np.log(1e-3 / (len(node) * period)), np.log(3.0 / period)
+    generator = np.random.default_rng(1)
+
+    def residual(point: Array) -> Array:
+        columns = [np.ones(len(node))]
+        for rate in np.exp(point):
+            # Exact for a voltage that is straight from row to row.
+            step = rate * period
+            first = -np.expm1(-step) / step
+            second = (1.0 - first) / step
+            moved = period * ((first - second) * node[:-1] + second * node[1:])
+            columns.append(np.append(0.0, scipy.signal.lfilter([1.0], [1.0, -np.exp(-step)], moved)))
+        table = np.column_stack(columns)
+        size = np.linalg.norm(table, axis=0)
+        table = table / np.where(size > 0.0, size, 1.0)
+        return np.asarray(table @ np.linalg.lstsq(table, readings, rcond=1e-12)[0] - readings)
+
+    scale = float(np.ptp(readings))
+    found = [
+        scipy.optimize.least_squares(
+            lambda point: residual(point) / scale,
+            np.sort(generator.uniform(np.log(0.3 / (len(node) * period)), np.log(1.0 / period), count)),
+            bounds=(lower, upper),
+            max_nfev=200,
+        )
+        for _ in range(6)
+    ]
+    best = min(found, key=lambda one: one.cost)
+    return scale * float(np.sqrt(2.0 * best.cost / len(readings)))
+
+
+def compared_motion(run: ipmclab.Run, actuator: ipmclab.Actuator) -> Compared:
+    """A fit of the displacement, its circuit known, beside as many real poles."""
+    assert run.displacement is not None
+    begin = time.perf_counter()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        fit = ipmclab.identify(actuator, run, free=("coupling", "relaxation"))
+    seconds = time.perf_counter() - begin
+    left = float(np.sqrt(np.mean(fit.residuals[0]["displacement"] ** 2)))
+    node = simulate_outputs(actuator, run.time, run.voltage, "zero", outputs=["applied_voltage"])[0]
+    return Compared(left, poles_left(np.asarray(node), run.displacement, 1.0 / run.rate, 3), seconds)
+
+
 def compared(run: ipmclab.Run, actuator: ipmclab.Actuator, branches: int) -> Compared:
     """One fit beside plain least squares."""
     assert run.current is not None
@@ -149,27 +198,52 @@ def predicted(
     return Compared(*rms, seconds), (of_80, of_95)
 
 
-def drawn(generator: np.random.Generator) -> tuple[str, ipmclab.Run]:
-    """A strip with more than the model knows, and its current."""
-    kind = str(generator.choice(["one more branch", "cubic leak", "exponential leak", "electrodes as a line"]))
-    stage = {
-        "one more branch": "branches=3",
-        "cubic leak": "leak.cubic",
-        "exponential leak": "leak.exponential",
-        "electrodes as a line": "line.segments=10",
-    }[kind]
-    strip = with_stages(ipmclab.load_actuator("friend-2"), stage)
+STAGES = {
+    "one more branch": "branches=3",
+    "cubic leak": "leak.cubic",
+    "exponential leak": "leak.exponential",
+    "electrodes as a line": "line.segments=10",
+    "another contact": "branches=2",
+    "one more slow mode": "relaxation.displacement=2",
+}
+MOTION = "one more slow mode"
+
+
+def drawn(generator: np.random.Generator) -> tuple[str, ipmclab.Actuator, ipmclab.Run]:
+    """A strip with more than the model knows, the actuator that is fitted to it, and its readings."""
+    kind = str(generator.choice(list(STAGES)))
+    strip = with_stages(ipmclab.load_actuator("friend-2"), STAGES[kind])
     about = np.log(3.0)
-    moved = [name for name in strip.parameter_values if name.startswith(("circuit.", "leak.")) and strip[name] > 0.0]
+    free = ("circuit.", "leak.", "coupling.", "relaxation.")
+    moved = [name for name in strip.parameter_values if name.startswith(free) and strip[name] > 0.0]
     strip = strip.replace(**{name: strip[name] * np.exp(generator.uniform(-about, about)) for name in moved})
     rate, volts = float(generator.choice([10.0, 25.0, 50.0, 100.0])), float(generator.uniform(0.5, 2.5))
     clean = ipmclab.simulate(strip, f"step {volts:.4g} V delay=5 s", duration=40, rate=rate)
-    assert clean.current is not None
-    current = clean.current + generator.choice([0.0, 3e-6, 3e-5]) * generator.standard_normal(len(clean))
-    step = float(generator.choice([0.0, 1e-6, 1e-5, 1e-4]))
-    current = np.round(current / step) * step if step else current
+    output, unit = ("displacement", 0.1) if kind == MOTION else ("current", 1.0)
+    readings = getattr(clean, output)
+    if kind == "another contact":
+        readings = touched(strip, clean, generator)
+    readings = readings + unit * generator.choice([0.0, 3e-6, 3e-5]) * generator.standard_normal(len(clean))
+    step = unit * float(generator.choice([0.0, 1e-6, 1e-5, 1e-4]))
+    readings = np.round(readings / step) * step if step else readings
     hold = clean.hold if generator.random() < 0.5 else "unknown"
-    return kind, ipmclab.Run.from_arrays(time=clean.time, voltage=clean.voltage, current=current, hold=hold)
+    run = ipmclab.Run.from_arrays(time=clean.time, voltage=clean.voltage, hold=hold, **{output: readings})
+    fitted = ipmclab.load_actuator("friend-2")
+    if kind == MOTION:
+        circuit = {name: value for name, value in strip.parameter_values.items() if name.startswith("circuit.")}
+        fitted = with_stages(fitted, "relaxation.displacement=1").replace(**circuit)
+    return kind, fitted, run
+
+
+def touched(strip: ipmclab.Actuator, clean: ipmclab.Run, generator: np.random.Generator) -> Array:
+    """The current of a strip whose contact is another from some row on; its capacitors keep their charge."""
+    row = int(generator.uniform(0.25, 0.9) * len(clean))
+    more = float(np.exp(generator.uniform(0.0, np.log(10.0))))
+    before = strip.simulator(clean.rate, clean.hold)
+    first = before.block(clean.voltage[:row])[0]
+    other = strip.replace(**{"circuit.contact_resistance": strip["circuit.contact_resistance"] + more})
+    after = other.simulator(clean.rate, clean.hold, initial_state=before.state)
+    return np.concatenate([first, after.block(clean.voltage[row:])[0]])
 
 
 def real_part() -> list[str]:
@@ -210,12 +284,11 @@ def real_part() -> list[str]:
 def drawn_part(trials: int) -> list[str]:
     """The table of simulated strips."""
     generator = np.random.default_rng(SEED)
-    actuator = ipmclab.load_actuator("friend-2")
     ratios: dict[str, list[float]] = {}
     seconds: list[float] = []
     for number in range(trials):
-        kind, run = drawn(generator)
-        one = compared(run, actuator, 2)
+        kind, actuator, run = drawn(generator)
+        one = compared_motion(run, actuator) if kind == MOTION else compared(run, actuator, 2)
         ratios.setdefault(kind, []).append(one.ratio)
         seconds.append(one.seconds)
         print(f"{number + 1} of {trials}: {kind}, {one.ratio:.3f}, {one.seconds:.1f} s", flush=True)

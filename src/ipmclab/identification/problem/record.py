@@ -133,19 +133,19 @@ class PreparedRun:
     state: RunState | None = None
     """Water, temperature and dose, where the actuator has laws that it follows."""
 
-    def drift_limits(self, output: str) -> tuple[float, float]:
-        """Between which slopes a sensor drifts, where the rows at 0 V show one [SI/s].
+    def limits(self, what: str, output: str) -> tuple[float, float]:
+        """Between which values the offset [SI] or the drift [SI/s] of a sensor lies, where rows at 0 V show it.
 
-        Where the strip is known to be at rest they show the sensor alone, and one of force or motion is held to them;
-        where the strip may move in them the sensor drifts by no more than what is seen.
+        Where the strip is known to be at rest they show the sensor alone: the zero of a current and the slope of a
+        force or a motion are held to them. Where the strip may move in them a sensor drifts by no more than is seen.
         """
-        rest = self.shown.get(("drift", output))
-        if rest is None or (output == "current" and self.start != "free"):
+        rest = self.shown.get((what, output))
+        if rest is not None and self.start in ("free", ASSUMED_REST):
+            return rest.at_most if what == "drift" else (-math.inf, math.inf)
+        if rest is None or (what == "offset") != (output == "current"):
             return -math.inf, math.inf
-        if self.start in ("free", ASSUMED_REST):
-            return rest.at_most
         rows = np.flatnonzero(self.readings[output].exact[: self.resting])
-        return rest.slopes(self.run.time[rows], self.readings[output].values[rows])
+        return rest.about(what, self.run.time[rows], self.readings[output].values[rows])
 
     @property
     def period(self) -> float:

@@ -36,23 +36,26 @@ class AtRest(NamedTuple):
         largest = abs(self.value) + _SURELY * self.error
         return -largest, largest
 
-    def slopes(self, time: FloatArray, values: FloatArray) -> tuple[float, float]:
-        """Between which slopes the sensor drifts over the record [SI/s].
+    def about(self, what: str, time: FloatArray, values: FloatArray) -> tuple[float, float]:
+        """Between which values the offset at the first row [SI], or the slope over the record [SI/s], lies.
 
-        What a line leaves of these rows may be a walk, whose slope over them is none over the record. Were all of the
-        change over a quarter of them a walk of q^2 a second, of which a slope over T has the variance 6 q^2/(5 T), that
-        is an error beside the one of the check.
+        What a constant or a line leaves of these rows may hold a walk. It begins at another value than its mean over T,
+        and keeps no slope: of q^2 a second it is an error of variance q^2 T/3 of the offset and 6 q^2/(5 T) of the
+        slope, beside the one of the check. All that rows a quarter apart differ by more than neighbours is the walk.
 
         Parameters
         ----------
+        what : str
+            ``offset`` or ``drift``.
         time : float array, shape (n,) [s]
             Of the rows at 0 V.
         values : float array, shape (n,) [SI]
         """
         lag, walked = len(time) // 4, 0.0
-        if lag:
-            left = values - self.value * time
-            strays = float(np.mean((left[lag:] - left[:-lag]) ** 2)) / float(time[lag] - time[0])
-            walked = math.sqrt(1.2 * strays / float(time[-1] - time[0]))
+        if lag > 1:
+            left = values - self.value * time if what == "drift" else values
+            near, far = (float(np.mean((left[by:] - left[:-by]) ** 2)) for by in (1, lag))
+            strays, span = max(far - near, 0.0) / float(time[lag] - time[1]), float(time[-1] - time[0])
+            walked = math.sqrt(strays * (1.2 / span if what == "drift" else span / 3.0))
         reach = _SURELY * math.hypot(self.error, walked)
         return self.value - reach, self.value + reach

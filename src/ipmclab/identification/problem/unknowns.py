@@ -96,7 +96,7 @@ class Unknown:
     @property
     def beforehand(self) -> tuple[float, float] | None:
         """Value and standard uncertainty that were known beforehand [SI]; None where that was nothing, or a range."""
-        if self.prior is None or self.base == "observation.delay" or self.base.startswith("observation.drift."):
+        if self.prior is None or self.base == "observation.delay" or self.is_of_sensor:
             return None
         value = self.value(self.prior[0])
         deviation = self.deviation
@@ -290,9 +290,9 @@ def _of_sensors(free: FreeParameters, records: Sequence[PreparedRun]) -> list[Un
                     lower=-math.inf,
                     upper=math.inf,
                 )
-                least, most = record.drift_limits(output) if what == "drift" else (-math.inf, math.inf)
+                least, most = record.limits(what, output)
                 if math.isfinite(most) and base not in free.observation:
-                    # A slope and what is slow in the strip cancel each other to any size.
+                    # A slope and what is slow in the strip cancel each other to any size; a zero follows its misfit.
                     middle, half = 0.5 * (least + most), 0.5 * (most - least)
                     own = replace(own, lower=least, upper=most).known(middle, half / math.sqrt(3.0))
                 found.append(own)

@@ -207,7 +207,7 @@ def _beyond(seen: MotionSeries, common: FloatArray) -> Iterator[tuple[int, float
             continue
         slope = float(weight) / float(seen.series[k].time[-1])
         record, output = seen.labels[k]
-        least, most = record.drift_limits(output)
+        least, most = record.limits("drift", output)
         nearest = min(max(slope, least / seen.scales[k]), most / seen.scales[k])
         if nearest != slope:
             yield k, nearest
