@@ -26,7 +26,7 @@ from benchmarks.harness import finish
 from ipmclab.fit.fit import Fit
 from ipmclab.identification.build import build_fit
 from ipmclab.identification.environment.inseparable import CODE, inseparable
-from ipmclab.identification.environment.state_of_run import with_states
+from ipmclab.identification.environment.with_states import with_states
 from ipmclab.identification.noise.correlate import Correlated
 from ipmclab.identification.problem.free import parse_free
 from ipmclab.identification.problem.record import prepare
@@ -43,6 +43,7 @@ SOURCES = (
     "src/ipmclab/identification",
     "src/ipmclab/statespace",
     "src/ipmclab/fit",
+    "src/ipmclab/strip_state",
     "src/ipmclab/prediction",
 )
 

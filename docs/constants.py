@@ -17,6 +17,7 @@ ROOMS: Final = (
     "identification",
     "fit",
     "statespace",
+    "strip_state",
     "prediction",
     "refitting",
     "choosing",

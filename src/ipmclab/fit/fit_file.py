@@ -17,10 +17,10 @@ from ipmclab.fit.output_diagnosis import OutputDiagnosis
 from ipmclab.fit.practical import Practical
 from ipmclab.fit.profile import Profile
 from ipmclab.fit.row_marks import RowMarks
-from ipmclab.fit.run_state import RunState
 from ipmclab.model import Actuator, load_actuator, write_actuator
 from ipmclab.run import Finding
 from ipmclab.statespace.noise_model import NoiseModel
+from ipmclab.strip_state.run_state import RunState
 
 
 def write_fit(fit: Fit, path: str | Path, *, overwrite: bool = False) -> None:

@@ -7,8 +7,8 @@ from dataclasses import replace
 from typing import Any
 
 from ipmclab.fit.fit import Fit
-from ipmclab.fit.tables import in_toml
 from ipmclab.run import Finding
+from ipmclab.tabled import in_toml
 
 
 def fit_to_table(fit: Fit) -> dict[str, Any]:

@@ -10,11 +10,11 @@ from typing import Any, Final, get_args
 from ipmclab.errors import suggest
 from ipmclab.fit.fit import Direction, FittedParameter
 from ipmclab.fit.observation import Observation
-from ipmclab.fit.run_state import RunState
 from ipmclab.model import Actuator
 from ipmclab.model.parameters import Parameter
 from ipmclab.model.ports import OUTPUTS
 from ipmclab.run import Effect, Finding, Severity
+from ipmclab.strip_state.run_state import RunState
 from ipmclab.units import CHANNELS
 
 _ROUNDING: Final = 1e-9  # of a value, by which its interval may miss it

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from ipmclab.fit.tables import Tabled
 from ipmclab.model.quantities import derived
+from ipmclab.tabled import Tabled
 from ipmclab.units import Quantity
 
 

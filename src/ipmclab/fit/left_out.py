@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final
 
-from ipmclab.fit.tables import Tabled
+from ipmclab.tabled import Tabled
 
 _NAMED: Final = 2  # parameters that a line lists (convention)
 

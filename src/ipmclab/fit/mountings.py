@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final
 
-from ipmclab.fit.tables import Tabled
+from ipmclab.tabled import Tabled
 
 NEXT_STRIP: Final = (
     "what another strip of this make will do is not known from one: ipmclab compare tells it from fits, or runs, of "

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from ipmclab.fit.row_marks import RowMarks
-from ipmclab.fit.run_state import RunState
 from ipmclab.statespace.noise_model import NoiseModel
+from ipmclab.strip_state.run_state import RunState
 
 Start = Literal["stated rest", "shown rest", "rest, which the readings do not contradict", "free"]
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final, Literal, get_args
 
-from ipmclab.fit.tables import Tabled
+from ipmclab.tabled import Tabled
 
 Verdict = Literal["white", "autocorrelated", "follows the voltage", "bends with the voltage"]
 """``autocorrelated``: in time, but not related to the voltage. ``bends with the voltage``: as no linear model would."""

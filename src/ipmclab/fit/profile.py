@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from ipmclab.fit.tables import Tabled
+from ipmclab.tabled import Tabled
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,8 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.fit.tables import Tabled
 from ipmclab.run import Run
+from ipmclab.tabled import Tabled
 
 _CHANNELS: Final = ("current", "displacement", "force")  # the first that moves is marked
 _TOGETHER: Final = 64  # consecutive readings of one mark

@@ -14,10 +14,10 @@ from ipmclab.fit.output_diagnosis import OutputDiagnosis
 from ipmclab.identification.build import build_fit
 from ipmclab.identification.diagnostics.beyond import beyond_findings
 from ipmclab.identification.diagnostics.diagnose import diagnose
+from ipmclab.identification.environment.contradicted import water_contradicted
 from ipmclab.identification.environment.inseparable import inseparable
 from ipmclab.identification.environment.next_condition import next_condition
-from ipmclab.identification.environment.remarks import doubtful, water_contradicted
-from ipmclab.identification.environment.state_of_run import with_states
+from ipmclab.identification.environment.with_states import with_states
 from ipmclab.identification.estimate import estimate
 from ipmclab.identification.mountings.mountings import differ, each_mounting, with_mountings
 from ipmclab.identification.of_records import NOISE, GrowingLeak, findings_of_records, left_out_of
@@ -46,6 +46,7 @@ from ipmclab.quality.check import check_record
 from ipmclab.quality.record import Record as Checked
 from ipmclab.quality.usable import noise_only
 from ipmclab.run import Finding, Run
+from ipmclab.strip_state.doubtful import doubtful
 
 
 def identify(

@@ -10,13 +10,13 @@ import numpy.typing as npt
 
 from ipmclab.fit.observation import Observation
 from ipmclab.fit.row_marks import RowMarks
-from ipmclab.fit.run_state import RunState
 from ipmclab.identification.noise.correlate import Correlated
 from ipmclab.identification.problem.order import Order
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.problem.record import PreparedRun
 from ipmclab.identification.search.solve import Solution
 from ipmclab.run import Run
+from ipmclab.strip_state.run_state import RunState
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -12,10 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.errors import InputError
-from ipmclab.fit.dose import dose_now
 from ipmclab.fit.fit import Fit
-from ipmclab.fit.run_state import RunState
-from ipmclab.identification.environment.state_of_run import HUMIDITY_ERROR
 from ipmclab.identification.problem.in_state import in_state, rates_of, strip_in_state
 from ipmclab.identification.problem.record import ending_of
 from ipmclab.identification.problem.unknowns import Unknown, actuator_unknown
@@ -26,6 +23,9 @@ from ipmclab.model.environment.sorption import slope
 from ipmclab.model.sensitivity import Kept, sensitivities
 from ipmclab.planning.candidates import REST_BEFORE, Candidate
 from ipmclab.prediction.own_of_mounting import own_of_mounting
+from ipmclab.strip_state.dose import dose_now
+from ipmclab.strip_state.run_state import RunState
+from ipmclab.strip_state.state_of_run import HUMIDITY_ERROR
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -14,7 +14,6 @@ from ipmclab.errors import InputError
 from ipmclab.fit.as_fitted import need_as_fitted, need_fit
 from ipmclab.fit.fit import Fit
 from ipmclab.fit.observation import Observation
-from ipmclab.fit.run_state import RunState
 from ipmclab.identification.mountings.common_error import common_covariance
 from ipmclab.identification.problem.in_state import rates_of, strip_in_state
 from ipmclab.identification.problem.record import ending_of, own_endings, own_values
@@ -28,6 +27,7 @@ from ipmclab.model.simulate import with_shunt
 from ipmclab.prediction.in_state import known_in_state, state_in
 from ipmclab.prediction.own_of_mounting import own_of_mounting, strips_apart
 from ipmclab.run import Hold, Run
+from ipmclab.strip_state.run_state import RunState
 
 FloatArray = npt.NDArray[np.float64]
 

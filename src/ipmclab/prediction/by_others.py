@@ -11,7 +11,6 @@ import numpy.typing as npt
 
 from ipmclab.confidence import NORMAL_95
 from ipmclab.fit.fit import Fit
-from ipmclab.fit.run_state import RunState
 from ipmclab.identification.problem.evaluation import Evaluation
 from ipmclab.identification.problem.order import Order
 from ipmclab.identification.problem.problem import Problem
@@ -25,6 +24,7 @@ from ipmclab.model.environment.age import AGE, grown
 from ipmclab.prediction.bands import Drive, noise_of, spread_of
 from ipmclab.prediction.scores import Comparison, Score
 from ipmclab.prediction.validate import validate
+from ipmclab.strip_state.run_state import RunState
 
 FloatArray = npt.NDArray[np.float64]
 

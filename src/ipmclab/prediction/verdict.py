@@ -9,13 +9,13 @@ from typing import Final
 from ipmclab.errors import InputError
 from ipmclab.fit.answer import REFUSED, verdict
 from ipmclab.fit.fit_file import fit_of
-from ipmclab.identification.environment.remarks import EXTRAPOLATED
 from ipmclab.model import Actuator
 from ipmclab.prediction.open_coupling import NOT_IDENTIFIED
 from ipmclab.prediction.run_validation import RunValidation
 from ipmclab.prediction.said_of_run import begins_under_voltage, drifting_outputs, turned_outputs
 from ipmclab.prediction.scores import fit_in_words, score
 from ipmclab.prediction.validate import Validation
+from ipmclab.strip_state.doubtful import EXTRAPOLATED
 from ipmclab.units import CHANNELS
 
 _HARDLY: Final = 20.0

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ipmclab import Run, RunMetadata, Sample, load_actuator, simulate
-from ipmclab.identification.environment.state_of_run import with_states
+from ipmclab.identification.environment.with_states import with_states
 from ipmclab.identification.problem.free import parse_free
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.problem.record import prepare

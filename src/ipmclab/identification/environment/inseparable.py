@@ -12,13 +12,13 @@ from typing import Final
 
 import numpy as np
 
-from ipmclab.fit.run_state import RunState
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.search.solve import Solution
 from ipmclab.model.environment.age import AGE
 from ipmclab.model.environment.laws import is_of_environment
 from ipmclab.normal_equations import inverse
 from ipmclab.run import Finding
+from ipmclab.strip_state.run_state import RunState
 
 CODE: Final = "age-inseparable"
 

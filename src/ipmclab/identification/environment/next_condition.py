@@ -9,8 +9,6 @@ from typing import Final
 import numpy as np
 
 from ipmclab.fit.fit import Fit
-from ipmclab.fit.run_state import RunState
-from ipmclab.identification.environment.state_of_run import HUMIDITY_ERROR
 from ipmclab.identification.problem.in_state import InState, in_state
 from ipmclab.identification.problem.order import Order
 from ipmclab.identification.problem.problem import Problem
@@ -21,6 +19,8 @@ from ipmclab.model.environment.laws import is_of_environment
 from ipmclab.model.environment.sorption import slope
 from ipmclab.normal_equations import inverse
 from ipmclab.run import Finding, FloatArray
+from ipmclab.strip_state.run_state import RunState
+from ipmclab.strip_state.state_of_run import HUMIDITY_ERROR
 
 UNDETERMINED: Final = "law-undetermined"
 NEXT: Final = "next-condition"

@@ -9,13 +9,13 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.fit.fit import Fit
-from ipmclab.fit.run_state import RunState
 from ipmclab.model import Actuator
 from ipmclab.model.declared import declaration_of
 from ipmclab.model.environment import WaterState
 from ipmclab.model.environment import in_state as moved_by_laws
 from ipmclab.model.environment.age import AGE, Age, grown
 from ipmclab.model.environment.laws import is_of_environment
+from ipmclab.strip_state.run_state import RunState
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.fit.run_state import RunState
 from ipmclab.identification.problem.record import PreparedRun
 from ipmclab.identification.problem.unknowns import Unknown
 from ipmclab.model.environment.age import AGE
+from ipmclab.strip_state.run_state import RunState
 
 FloatArray = npt.NDArray[np.float64]
 

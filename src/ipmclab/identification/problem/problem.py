@@ -10,7 +10,6 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.fit.run_state import RunState
 from ipmclab.identification.problem.evaluation import Evaluation
 from ipmclab.identification.problem.in_state import InState, in_state
 from ipmclab.identification.problem.means import in_means
@@ -21,6 +20,7 @@ from ipmclab.identification.problem.unknowns import WATER, Unknown
 from ipmclab.model.environment import sorption
 from ipmclab.model.sensitivity import Sensitivities, widened
 from ipmclab.progress import tick
+from ipmclab.strip_state.run_state import RunState
 
 FloatArray = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]

@@ -15,7 +15,6 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.fit.observation import Start
-from ipmclab.fit.run_state import RunState
 from ipmclab.identification.problem.shown_at_rest import BEFORE_STEP, AtRest
 from ipmclab.model.numerics.drive import Drive
 from ipmclab.model.numerics.poles_loop import shifted_levels
@@ -25,6 +24,7 @@ from ipmclab.quality import censored, usable
 from ipmclab.quality.noise import noise_of_readings, quantum_of
 from ipmclab.quality.record import Channel
 from ipmclab.run import Finding, Hold, Run
+from ipmclab.strip_state.run_state import RunState
 
 FloatArray = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]

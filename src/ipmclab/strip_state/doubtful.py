@@ -1,28 +1,23 @@
-"""What must be known of the environment of a run before its strip is believed to be in a state, and what denies it."""
+"""What must be known of the environment of a run before its strip is believed to be in a state."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
 
-from ipmclab.confidence import REJECT
-from ipmclab.fit.run_state import RunState
-from ipmclab.identification.environment.state_of_run import water_after
-from ipmclab.identification.problem.problem import Problem
-from ipmclab.identification.problem.unknowns import SITES, Unknown
-from ipmclab.identification.search.solve import Solution
 from ipmclab.model import Actuator
 from ipmclab.model.environment import Environment, EnvironmentHistory, WaterState
 from ipmclab.model.environment.findings import condensation
 from ipmclab.model.environment.hydration import ASYMMETRY
 from ipmclab.run import Finding, Run
+from ipmclab.strip_state.run_state import RunState
+from ipmclab.strip_state.state_of_run import water_after
 
 EXTRAPOLATED: Final = "environment-extrapolated"
 NOT_IN_EQUILIBRIUM: Final = "not-in-equilibrium"
 MOVES: Final = "water-moves"
-CONTRADICTED: Final = "water-contradicted"
 
 _WETTER: Final = 1.0  # percent of relative humidity: runs that near were in one state (convention)
 _WARMER: Final = 1.0  # K: the same of temperature
@@ -147,48 +142,3 @@ def _wet(state: RunState, label: str) -> list[Finding]:
         return []
     found = condensation(state.temperature, Environment(state.temperature, state.relative_humidity), label)
     return [] if found is None else [found]
-
-
-def water_contradicted(problem: Problem, solution: Solution) -> list[Finding]:
-    """``water-contradicted``: the runs ask for other water than is known of them (chi-square, 0.1 %).
-
-    Parameters
-    ----------
-    problem : Problem
-    solution : Solution
-    """
-    from scipy.special import chdtrc
-
-    shifts = {one.base: float(solution.theta[place]) for place, one in enumerate(problem.unknowns) if one.base == SITES}
-    away = {
-        place: (float(solution.theta[place]) - _expected(unknown, shifts)) / unknown.prior[1]
-        for place, unknown in enumerate(problem.unknowns)
-        if unknown.is_water and unknown.prior is not None
-    }
-    total = sum(one * one for one in away.values())
-    if not away or chdtrc(len(away), total) > REJECT:
-        return []
-    worst = max(away, key=lambda place: abs(away[place]))
-    run = problem.unknowns[worst].place
-    assert run is not None
-    record = problem.record_at(run)
-    state, found = record.state, problem.water(solution.theta, run)
-    assert state is not None
-    assert found is not None
-    return [
-        Finding(
-            CONTRADICTED,
-            "warning",
-            f"the laws do not bring the runs together: their readings ask for water contents that their sensors "
-            f"contradict (p < 0.1 %), most in {record.label}: {found:.3g}, where {state.water_content:.3g} is "
-            f"{state.how} ({abs(away[worst]):.2g} standard uncertainties)",
-            "see whether the strip was in equilibrium, and whether a parameter without a law changes; weigh the strip",
-            values={"chi_square": total, "runs": len(away)},
-        )
-    ]
-
-
-def _expected(unknown: Unknown, shifts: Mapping[str, float]) -> float:
-    """What is known of an entry beforehand, with the error that weighed runs share."""
-    assert unknown.prior is not None
-    return unknown.prior[0] + sum(slope * shifts.get(other, 0.0) for other, (slope, _) in unknown.follows.items())

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from ipmclab.fit.tables import Tabled
+from ipmclab.tabled import Tabled
 
 How = Literal["measured", "computed", "assumed"]
 """How the water content of a run is known: from a mass, from the history of temperature and humidity, or as that of

@@ -1,24 +1,21 @@
-"""In which state a strip was in each run: how its water content is known, and what it had been through."""
+"""In which state a strip was in each run, and how its water content is known."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 import numpy as np
 
 from ipmclab.errors import InputError
-from ipmclab.fit.dose import added_by, doses_of, recorded
-from ipmclab.fit.run_state import RunState
-from ipmclab.identification.problem.record import PreparedRun
 from ipmclab.model import Actuator
 from ipmclab.model.environment import Environment, EnvironmentHistory, WaterState, equilibrium
-from ipmclab.model.environment.age import Age
 from ipmclab.model.environment.hydration import FILM, LIQUID
 from ipmclab.model.environment.sorption import slope
 from ipmclab.run import Run
+from ipmclab.strip_state.dose import recorded
+from ipmclab.strip_state.run_state import RunState
 
 HUMIDITY_ERROR: Final = 2.0
 """Standard uncertainty of a relative humidity [percent] where a run states none: as good sensors have."""
@@ -34,37 +31,6 @@ _PLATED_ERROR: Final = 0.25
 
 _FILM_ERROR: Final = 0.3  # of its logarithm, where the actuator states none: 3 to 10 mm/s in still air
 _LIQUID_ERROR: Final = 0.1  # of the content in liquid water, where the actuator states none
-
-
-def with_states(
-    actuator: Actuator, runs: Sequence[Run], records: Sequence[PreparedRun], ages: Iterable[str]
-) -> list[PreparedRun]:
-    """The runs with the state in which the strip was in each, where the actuator has laws or something ages.
-
-    Raises
-    ------
-    InputError
-        A run that does not say its temperature and humidity; a dose that the runs do not state.
-    """
-    follows = bool(actuator.structure.environment)
-    scales = list(dict.fromkeys(Age.of(name).scale for name in ages))
-    if not follows and not scales:
-        return list(records)
-    doses = {scale: doses_of(runs, scale) for scale in scales}
-    states = [RunState()] * len(runs)
-    if follows:
-        states = states_of(actuator, runs, [record.label for record in records])
-    return [
-        replace(
-            record,
-            state=replace(
-                state,
-                doses={scale: doses[scale][place] for scale in scales},
-                adds={scale: added_by(run, scale, place) for scale in scales},
-            ),
-        )
-        for place, (state, record, run) in enumerate(zip(states, records, runs, strict=True))
-    ]
 
 
 def air_of(run: Run) -> tuple[float | None, float | None]:

@@ -11,15 +11,16 @@ import pytest
 
 from ipmclab import Run, RunMetadata, Sample, load_actuator
 from ipmclab.errors import InputError
-from ipmclab.fit import dose
-from ipmclab.fit.dose import dose_now, doses_of
-from ipmclab.fit.run_state import RunState
-from ipmclab.identification.environment.remarks import doubtful, extrapolated
-from ipmclab.identification.environment.state_of_run import states_of, water_after, with_states
+from ipmclab.identification.environment.with_states import with_states
 from ipmclab.identification.problem.record import prepare
 from ipmclab.model import Actuator
 from ipmclab.model.environment import Environment, WaterState
 from ipmclab.model.environment.hydration import FILM
+from ipmclab.strip_state import dose
+from ipmclab.strip_state.dose import dose_now, doses_of
+from ipmclab.strip_state.doubtful import doubtful, extrapolated
+from ipmclab.strip_state.run_state import RunState
+from ipmclab.strip_state.state_of_run import states_of, water_after
 
 STRIP = load_actuator("friend-2+environment.coupling_gain")
 

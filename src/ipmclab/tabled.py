@@ -1,4 +1,4 @@
-"""What a fit holds in the types that TOML has."""
+"""What is kept in a file, in the types that TOML has."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def in_toml(value: Any) -> Any:
 
 
 class Tabled:
-    """A part of a fit that has a table of its own in its file."""
+    """What has a table of its own in a file."""
 
     def to_table(self) -> dict[str, Any]:
         """In the types that TOML has, without what is not known."""

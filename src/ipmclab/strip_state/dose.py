@@ -10,8 +10,8 @@ from itertools import pairwise
 import numpy as np
 
 from ipmclab.errors import InputError
-from ipmclab.fit.run_state import RunState
 from ipmclab.run import Run
+from ipmclab.strip_state.run_state import RunState
 
 
 def doses_of(runs: Sequence[Run], scale: str) -> list[float]:
