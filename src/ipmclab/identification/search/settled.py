@@ -11,7 +11,7 @@ import numpy.typing as npt
 from ipmclab.identification.problem.evaluation import Evaluation, Solvable
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.search.solve import AT_BOUND, MOST_STEPS, Pinned, Solution, farthest, polish
-from ipmclab.identification.search.tangent import gauss_newton, null_directions
+from ipmclab.identification.search.tangent import gauss_newton, null_directions, with_others
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -38,9 +38,9 @@ def settled_beside_unfelt(problem: Solvable, solution: Solution) -> Solution:
     The step of such an entry leads out of its range, or farther than derivatives lead: it says nothing, and no step of
     all entries can be made. That entry stays where the search has left it, and the others settle beside it.
     """
-    step = (
-        _step_beside_bounds(problem, solution.theta, solution.evaluation)[0] if len(solution.theta) else solution.theta
-    )
+    if not len(solution.theta):
+        return solution
+    step, _ = _step_beside_bounds(problem, solution.theta, solution.evaluation)
     trial = solution.theta + step
     is_far = np.abs(step) > farthest(problem)
     is_far |= (trial < problem.lower) | (trial > problem.upper)
@@ -82,10 +82,7 @@ def _step_beside_bounds(problem: Solvable, theta: FloatArray, here: Evaluation) 
     held = low | high
     if held.any():
         aside = np.where(low, problem.lower + _ASIDE, np.where(high, problem.upper - _ASIDE, theta)) - theta
-        free = np.flatnonzero(~held)
-        rows = np.vstack([here.rows[free], here.rows[-1] + aside[held] @ here.rows[:-1][held]])
-        step = aside
-        step[free] = gauss_newton(Evaluation(rows, here.beforehand))[0] if len(free) else 0.0
+        step, _ = with_others(here, np.flatnonzero(held).tolist(), aside[held])
         trial = theta + step
     if ((trial < problem.lower) | (trial > problem.upper)).any():
         return step, np.inf  # a bound lies between: the search has said what there is to say

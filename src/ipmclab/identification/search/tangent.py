@@ -72,7 +72,7 @@ def least_seen(here: Evaluation, largest: float) -> float:
     return max(STRUCTURAL * max(best, _SHARP), rounding)
 
 
-def with_others(here: Evaluation, places: Sequence[int], moved: Sequence[float]) -> tuple[FloatArray, float]:
+def with_others(here: Evaluation, places: Sequence[int], moved: npt.ArrayLike) -> tuple[FloatArray, float]:
     """The step of all entries as some move by so much, and by how much the others then lower the cost.
 
     Along directions of which the readings say nothing the others stay.
