@@ -13,6 +13,7 @@ from ipmclab.rig.chambers.chamber import ChamberError
 from tests.rig.chambers.benches_of_chambers import KINDS, WANTED, Kind, Pair, at_once, paired
 from tests.rig.chambers.wire import LINE_FAULTS, Fault
 from tests.rig.chambers.wire import Kind as FaultKind
+from tests.waiting import until
 
 pytestmark = pytest.mark.real_time
 
@@ -55,11 +56,16 @@ def hold(pair: Pair, fault: Fault) -> None:
     failed, took = tried(chamber.safe)
     assert took < driver.SAFE_TIME + SLACK
     assert room.mode == "STANDBY" or failed.startswith("chamber-not-safe")
+    bring_to_standby(pair)
+    assert all(one == pytest.approx(WANTED, abs=0.1) for one in room.regulated)
+
+
+def bring_to_standby(pair: Pair) -> None:
+    """Once the line works again; on a busy machine an answer may still come after the driver's patience."""
     pair.emulator.fault = None
     wait_until_quiet(pair)
-    chamber.safe()
-    assert room.mode == "STANDBY"
-    assert all(one == pytest.approx(WANTED, abs=0.1) for one in room.regulated)
+    until(lambda: not tried(pair.chamber.safe)[0])
+    assert pair.room.mode == "STANDBY"
 
 
 def wait_until_quiet(pair: Pair) -> None:
@@ -103,10 +109,7 @@ def test_a_line_that_never_falls_quiet_ends_every_call(kind: Kind, tmp_path: Pat
         assert failed.startswith("chamber-")
         assert took < driver.READ_TIME + SLACK
         assert tried(pair.chamber.safe)[1] < driver.SAFE_TIME + SLACK
-        pair.emulator.fault = None
-        wait_until_quiet(pair)
-        pair.chamber.safe()
-        assert pair.room.mode == "STANDBY"
+        bring_to_standby(pair)
 
 
 def test_a_late_answer_is_never_taken_for_that_to_the_next_question(tmp_path: Path) -> None:
