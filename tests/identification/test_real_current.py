@@ -9,7 +9,7 @@ import pytest
 from scipy.optimize import nnls
 
 import ipmclab
-from benchmarks.real_records import StepRecord, cut
+from benchmarks.real_records import StepRecord, cut, records
 from benchmarks.wrong_model import circuit_current, plain_fit, predicted
 from ipmclab import Actuator, Fit, Run, identify, import_run, load_actuator, simulate
 from ipmclab.identification.problem.free import parse_free
@@ -166,3 +166,18 @@ def test_a_leak_that_grows_explains_a_current_that_rises(real_runs: Path) -> Non
     assert run.current is not None
     _, left = nnls(np.column_stack([np.ones(len(since)), decays, 1.0 - decays]), run.current[driven])
     assert found <= 1.1 * left / np.sqrt(len(since))
+
+
+def test_rows_at_0_v_hold_the_zero_of_a_current(real_runs: Path) -> None:
+    """A strip at rest draws nothing: what a model lacks under voltage moved the zero by 3.5 mA either way."""
+    assert real_runs.is_dir()
+    run = cut(records()["step_3V"], -20.0, 60.0)
+    fit = identify(strip(56.9), run, free="electrical")
+    assert run.current is not None
+    before = run.current[run.voltage == 0.0][:-3]
+    mean, error = float(np.mean(before)), float(np.std(before) / np.sqrt(len(before)))
+    zero = fit.parameters["observation.offset.current[0]"]
+    # Some of the noise there follows itself: the mean is known four times worse than white noise would say.
+    assert abs(zero.value - mean) < 4.0 * error
+    low, high = zero.interval
+    assert mean - 4.0 * 3.3 * error < low < mean < high < mean + 4.0 * 3.3 * error
