@@ -40,6 +40,7 @@ from ipmclab.identification.uncertainty.interval import (
 )
 from ipmclab.identification.uncertainty.known_covariance import Table, covariance_table
 from ipmclab.identification.uncertainty.noise_found import drift_findings, noise_findings
+from ipmclab.identification.undetermined.cures import fast_modes
 from ipmclab.identification.undetermined.diagnosis import direction_of_one, directions, names_it, relative_errors
 from ipmclab.identification.undetermined.known_quantities import Point, known_quantities
 from ipmclab.identification.undetermined.leaning import leaning_findings
@@ -142,7 +143,7 @@ def build_fit(
             interval=interval,
             determined=agree
             and min(error, nearer_error) <= DETERMINED
-            and not (at_bound and unknown.log)
+            and not at_bound
             and not has_open_end(unknown, interval)
             and not is_too_wide(unknown, interval),
             at_bound=at_bound,
@@ -161,8 +162,15 @@ def build_fit(
         for one in result.unseen
     )
     named = tuple(replace(d, coefficients=dict.fromkeys(fitted, 0.0) | dict(d.coefficients)) for d in named)
+    fast = {order(name) for name in fast_modes(model, problem.records)}
     named += tuple(
-        direction_of_one(list(fitted), name, "it went to its bound" if p.at_bound else "other values fit as well")
+        direction_of_one(
+            list(fitted),
+            name,
+            "it went to its bound" if p.at_bound else "other values fit as well",
+            problem.records,
+            fast,
+        )
         for name, p in fitted.items()
         if not p.determined and not any(names_it(direction, name) for direction in named)
     )

@@ -4,11 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
+from typing import Final
 
+from ipmclab.identification.problem.record import PreparedRun
 from ipmclab.identification.uncertainty.covariance import MOVED
+from ipmclab.model import Actuator
 from ipmclab.model.declared import MOTION, declaration_of, in_group, measurements
 from ipmclab.model.kinds import kind_of
 from ipmclab.run import FloatArray
+
+_OVER: Final = 0.1  # of a record, within which a mode is over: more time shows nothing more of it
 
 
 @dataclass(frozen=True)
@@ -67,3 +72,16 @@ def said_of(cures: Sequence[Cure], moved: Sequence[str]) -> str:
         return f"fix {listed if len(moved) == 1 else f'one of {listed}'} at a known value"
     *most, last = [cure.sentence for cure in cures]
     return f"{', '.join(most)} or {last}" if most else last
+
+
+def fast_modes(actuator: Actuator, records: Sequence[PreparedRun]) -> frozenset[str]:
+    """The parameters of modes that are over long before the longest record is."""
+    longest = max((float(one.run.time[-1] - one.run.time[0]) for one in records), default=0.0)
+    values = actuator.parameter_values
+    return frozenset(
+        name
+        for name in values
+        if (kind := kind_of(name)) is not None
+        and kind.speed is not None
+        and kind.speed(values, kind.one(name).removesuffix(".")) < _OVER * longest
+    )
