@@ -316,6 +316,11 @@ def _plain(finding: Finding) -> str:
         case "above-electrolysis" if "largest_voltage" in values:
             none = "the leak of the model gives no current there" if "leaks" in values else "the model has no leak"
             return f"water decomposes at {values['largest_voltage']:.3g} V, and {none}"
+        case "large-bending" if "drift" in values:
+            reached, limit = (f"{1e3 * float(values[key] or 0.0):.4g} mm" for key in ("largest_displacement", "limit"))
+            return (
+                f"without its sensor's drift the displacement reaches {reached}, more than a small bending of {limit}"
+            )
         case "sampling-period-unknown" if "period" in values:
             return (
                 f"the sampling period is assumed ({values['period']:.4g} s): all times and permittivities scale with it"
