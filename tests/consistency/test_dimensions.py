@@ -25,7 +25,7 @@ def test_a_thickness_in_another_unit_is_warned_of(thickness: float, is_usual: bo
 
 
 def test_a_fit_says_it_first_even_where_it_makes_a_reading_seem_off() -> None:
-    """The force of a strip twenty times as thick would be far larger than what is read, a thousand times as it seems."""
+    """The force of a strip twenty times as thick is far larger: what was read seems to be in another unit."""
     run = simulate(FRIEND, "step 1 V delay=2 s", duration=20.0, rate=50.0)
     thick = FRIEND.replace(**{"geometry.thickness": 5e-3})
     current = with_cross_checks(identify(thick, run, free="electrical"), [run])
