@@ -104,22 +104,21 @@ def _missing(actuator: Actuator, chosen: Sequence[Tried], fixed: str) -> Finding
 
 
 def _or_wrong(fixed: str) -> str:
-    if not fixed:
-        return ""
-    return f". A wrong fixed value ({fixed}) can look the same: free it or measure it before you believe a stage"
+    said = f". A wrong fixed value ({fixed}) can look the same: free it or measure it before you believe a stage"
+    return said if fixed else ""
 
 
 def _incomplete(left: Left, tried: Sequence[Tried], fixed: str) -> Finding:
     how = "follows the voltage" if left.follows else "follows the voltage, not in proportion to it"
     # What a chance fit of its parameters would give as well, a stage does not explain.
     some = [one for one in tried if one.evidence > 0.0 and one.shares[left.output] > 0.0]
-    best = max(some, key=lambda one: one.shares[left.output], default=None)
-    found, explained = "none explains any of it", 0.0
-    if best is not None:
+    found, explained, names = "none explains any of it", 0.0, ", ".join(one.stage for one in tried)
+    if some:
+        best = max(some, key=lambda one: one.shares[left.output])
         explained = best.shares[left.output]
         found = f"{best.stage} explains most, {round(100.0 * explained, 1):g} % of the power beyond noise"
         found += "" if best.evidence > CLEAR else ", which chance may give too"
-    of_them = f"; of the stages that were tried {found} ({', '.join(one.stage for one in tried)})" if tried else ""
+    of_them = f"; of the stages that were tried {found} ({names})" if tried else ""
     return Finding(
         "model-incomplete",
         "warning",
@@ -127,5 +126,5 @@ def _incomplete(left: Left, tried: Sequence[Tried], fixed: str) -> Finding:
         "look at the residuals in the report; check what is held fixed, and when the edges were applied; values that "
         "rest on this output may be wrong by more than their intervals say",
         channel=left.output,
-        values={"tried": ", ".join(one.stage for one in tried), "explained": explained},
+        values={"tried": names, "explained": explained},
     )

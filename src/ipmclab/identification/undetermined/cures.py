@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -44,7 +44,7 @@ def cures_of(names: Sequence[str], row: FloatArray, outputs: Sequence[str]) -> t
     """
     moved = {name.split("[")[0] for name, part in zip(names, row, strict=True) if abs(part) > MOVED}
     found = [Cure(f"measure {name}", sentence) for name, sentence in measurements() if name in moved]
-    leans = not (in_group(MOTION, names) or _is_of_sensors(moved))
+    leans = not (in_group(MOTION, names) or all(name.startswith("observation.") for name in moved))
     known = " with a known coupling" if leans else ""
     for output in outputs:
         said = f"add a {output} run" if output == outputs[0] else f"a {output} run"
@@ -53,10 +53,6 @@ def cures_of(names: Sequence[str], row: FloatArray, outputs: Sequence[str]) -> t
     if not found and len(of) == 1 and (cure := of.pop()) and any(cure):
         found.append(Cure(*cure))
     return tuple(found)
-
-
-def _is_of_sensors(moved: Collection[str]) -> bool:
-    return all(name.startswith("observation.") for name in moved)
 
 
 def measured(name: str) -> str:

@@ -134,7 +134,7 @@ def _direction(
     names: Sequence[str], row: FloatArray, error: float, records: Sequence[PreparedRun], fast: Collection[str]
 ) -> Direction:
     row = upright(row / np.linalg.norm(row))
-    coefficients = {name: float(value) for name, value in zip(names, row, strict=True)}
+    coefficients = dict(zip(names, map(float, row), strict=True))
     return Direction(coefficients, _sentence(coefficients, error, records, fast), error)
 
 
