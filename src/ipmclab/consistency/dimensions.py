@@ -25,7 +25,7 @@ def thickness_unusual(actuator: Actuator) -> list[Finding]:
         Finding(
             CODE,
             "warning",
-            f"a thickness of {has} is none that strips of Nafion have, which is {least} to {most}",
+            f"the thickness of the model is {has}; strips of Nafion have {least} to {most}",
             "look at the unit of the thickness in the actuator file (0.5 mm, and not 0.5 cm); resistivities and "
             "permittivities go with it, the stiffness with its cube",
             values={"thickness": thickness, "lowest": low, "highest": high},
