@@ -28,19 +28,24 @@ def test_files_called_alike_are_named_with_their_folder() -> None:
 def test_what_does_not_go_together_is_refused(command, tmp_path: Path) -> None:
     words = ("--signal", "sine 1 V 0.1 Hz", "--duration", "10 s", "--rate", "20 Hz", "--out", "run.nc")
     assert command("simulate", "friend-2", *words).status == 0
-    for wrong in (
-        ("--before", "friend-2"),
-        ("--after", "friend-2"),
-        ("--characteristic", "--before", "friend-2", "--after", "friend-2"),
+    for wrong, repair in (
+        (("--before", "friend-2"), "add --after ACTUATOR, or draw it alone: --after friend-2"),
+        (("--characteristic", "--before", "friend-2"), "add --after ACTUATOR"),
+        (("--characteristic", "--after", "friend-2"), "leave one of them out"),
     ):
         refused = command("plot", "run.nc", *wrong, "--out", "figure.svg")
         assert refused.status == 2
-        assert "belong together" in refused.err
+        assert repair in refused.err
+        assert not (tmp_path / "figure.svg").exists()
     assert command("plot", "run.nc", "--characteristic", "--out", "v_i.svg").status == 0
     assert "voltage (V)" in (tmp_path / "v_i.svg").read_text(encoding="utf-8")
     both = ("--before", "friend-2+leak.cubic", "--after", "friend-2")
     assert command("plot", "run.nc", *both, "--out", "estimation.svg").status == 0
     assert "before: friend-2" in (tmp_path / "estimation.svg").read_text(encoding="utf-8")
+    assert command("plot", "run.nc", "--after", "friend-2", "--out", "alone.svg").status == 0
+    alone = (tmp_path / "alone.svg").read_text(encoding="utf-8")
+    assert "after: friend-2" in alone
+    assert "before" not in alone
 
 
 def test_a_model_goes_by_its_file(command, tmp_path: Path) -> None:

@@ -123,3 +123,20 @@ def test_marks_that_somebody_broke_are_a_bad_table(whole: Run, tmp_path: Path) -
     write_fit(broken, tmp_path / "broken.toml")
     with pytest.raises(ValueError, match=r"rows and .* checks of them in 'marks'"):
         read_fit(tmp_path / "broken.toml")
+
+
+@pytest.mark.parametrize("height", [-0.2, 0.2])
+def test_a_longer_cut_of_a_record_of_the_fit_is_no_other_strip(whole: Run, height: float) -> None:
+    """Its later rows leave the model, by a current that rises or falls: only what is seen is told."""
+    fit = fitted(cut(whole, 0, 750))
+    later = np.maximum(whole.time - whole.time[750], 0.0) / 30.0
+    run = Run.from_arrays(time=whole.time, voltage=whole.voltage, current=whole.current + height * later)
+    told = validate(fit, run)
+    assert told.runs[0].rows_in_fit == (0, 750)
+    said = " ".join(verdict_of(told).sentences)
+    assert "It does not predict the current of run 0" in said
+    assert "run 0 shares rows with the runs of the fit, so the strip is the same" in said
+    assert ("The current of run 0 rises at constant voltage" in said) is (height > 0.0)
+    assert "was another one" not in said
+    stranger = validate(fit, Run.from_arrays(time=run.time, voltage=run.voltage, current=run.current * 1.001 + 1e-4))
+    assert "strip or its state was another one" in " ".join(verdict_of(stranger).sentences)

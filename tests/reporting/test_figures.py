@@ -222,6 +222,10 @@ def test_before_and_after_show_the_same_readings_and_both_models() -> None:
             np.testing.assert_allclose(panel.lines[0].get_ydata(), 1e3 * np.asarray(output), rtol=1e-14)
         np.testing.assert_allclose(right.lines[1].get_ydata(), right.lines[0].get_ydata(), atol=1e-9)
         assert np.abs(np.subtract(left.lines[1].get_ydata(), left.lines[0].get_ydata())).max() > 0.01
+    alone = before_and_after(replace(run, force=None), None, start).axes
+    assert len(alone) == 2
+    for panel, left in zip(alone, panels[::2], strict=True):
+        np.testing.assert_array_equal(panel.lines[1].get_ydata(), left.lines[1].get_ydata())
     with pytest.raises(InputError, match="to hold a model against"):
         before_and_after([], start, truth)
 

@@ -161,7 +161,7 @@ def print_most_important(
     labels: Sequence[str] = (),
     where: str = "--details",
 ) -> None:
-    """Print the findings that matter most in one line each, or with ``details`` every one in full.
+    """Print the findings that matter most in a sentence each, or with ``details`` every one in full.
 
     Parameters
     ----------

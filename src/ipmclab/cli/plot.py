@@ -24,7 +24,9 @@ def plot(
     before: Annotated[
         str | None, typer.Option(metavar="ACTUATOR", help="A model before its estimation, next to the one of --after.")
     ] = None,
-    after: Annotated[str | None, typer.Option(metavar="ACTUATOR", help="The model after its estimation.")] = None,
+    after: Annotated[
+        str | None, typer.Option(metavar="ACTUATOR", help="The model after its estimation, also alone.")
+    ] = None,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
@@ -33,22 +35,31 @@ def plot(
     \b
     ipmclab plot step.nc sine.nc --out runs.svg
     ipmclab plot sine.nc --characteristic --out v_i.svg
+    ipmclab plot step.nc --after fitted.toml --out fit.svg
     ipmclab plot step.nc sine.nc --before friend-2 --after fitted.toml --out estimation.svg
     """
-    if (before is None) != (after is None) or (characteristic and before is not None):
+    if before is not None and after is None:
         raise InputError(
-            "--before and --after belong together, and --characteristic is a figure by itself",
+            "a model before its estimation was given, and none after it",
+            code="usage",
+            where="--before",
+            repair=f"add --after ACTUATOR, or draw it alone: --after {before}",
+        )
+    if characteristic and after is not None:
+        raise InputError(
+            "--characteristic and --after are figures by themselves",
             code="usage",
             where="plot",
-            repair="give both models, or --characteristic, or none of the three",
+            repair="leave one of them out",
         )
     check_output(out, force=force, suffixes=SUFFIXES, reads=[*runs, *actuator_files(before, after)])
     loaded = read_runs(runs)
     with progress("drawing"):
         from ipmclab import reporting
 
-        if before is not None and after is not None:
-            figure = reporting.before_and_after(loaded, named_by_file(before), named_by_file(after))
+        if after is not None:
+            first = None if before is None else named_by_file(before)
+            figure = reporting.before_and_after(loaded, first, named_by_file(after))
             reporting.save_figure(figure, out, overwrite=force)
         elif characteristic:
             reporting.save_figure(reporting.characteristic(loaded), out, overwrite=force)

@@ -8,6 +8,7 @@ from typing import Final
 from ipmclab.consistency.against_motion import PUSHED, RANG, push_against_motion, resonance_against_motion
 from ipmclab.consistency.capacitance import CODE as CAPACITANCE
 from ipmclab.consistency.capacitance import capacitance_out_of_range
+from ipmclab.consistency.dimensions import thickness_unusual
 from ipmclab.consistency.dry_mass import CODE as DRY_MASS
 from ipmclab.consistency.dry_mass import dry_mass_against_layers
 from ipmclab.consistency.facts import Fact, facts_of_runs
@@ -113,6 +114,7 @@ def cross_check(
     every = (*facts, *(fact for fact in of_runs if fact.place in mine))
     motions = motions_of(known, every)
     return (
+        *thickness_unusual(actuator),
         *density_against_mass(known),
         *thickness_against_membrane(known),
         *dry_mass_against_layers(known),

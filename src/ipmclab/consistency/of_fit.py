@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from ipmclab.consistency.capacitance import CODE as CAPACITANCE
 from ipmclab.consistency.cross_check import cross_check
+from ipmclab.consistency.dimensions import thickness_unusual
 from ipmclab.consistency.noisy_voltage import noisy_voltage
 from ipmclab.fit.fit import Fit
 from ipmclab.fit.fit_table import changed, with_findings
@@ -37,6 +38,8 @@ def with_cross_checks(fit: Fit, runs: Sequence[Run]) -> Fit:
     if off:
         kept = [one for one in fit.findings if one.effect != "none" and one.code != UNIT_OFF]
         ended = f"{fit.message.partition(', but ')[0]}, but errors contradict this fit (see the findings {UNIT_OFF})"
+        # A wrong dimension may be why a reading seems to be off.
+        kept = [*thickness_unusual(fit.actuator), *kept]
         return changed(fit, findings=(*off, *kept), diagnoses=(), known=(), message=ended)
     conflicts = [_said_of_the_file(one, fit, runs) for one in cross_check(fit.actuator, runs, fit=fit)]
     return with_findings(fit, [*conflicts, *noisy_voltage(fit, runs)])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import textwrap
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
@@ -11,10 +10,10 @@ from typing import TYPE_CHECKING, Final
 from ipmclab.fit.in_brief import (
     IMPOSSIBLE,
     NOT_ALLOWED,
-    WIDTH,
     Brief,
     consequences_silent,
     in_brief,
+    in_lines,
     is_aside,
     more_in_words,
 )
@@ -48,7 +47,6 @@ _DRIFTS: Final = {
     "displacement": Quantity("drift of the displacement", "m/s", "um/s"),
     "force": Quantity("drift of the force", "N/s", "uN/s"),
 }
-_NO_BREAK: Final = "\u00a0"
 _ALL: Final = {2: "both"}  # the word for so many
 _SHOWN: Final = 3  # residuals that a sentence lists
 
@@ -122,9 +120,7 @@ class Answer:
         Sentences and findings have at most 100 columns, a row of the table as many as its names need.
         """
         lines = [] if self.is_refused else _lines(*self.rows, self.known_title)
-        # A number stays beside its percent sign, and the name of a file whole.
-        bound = self.verdict.replace(" %", f"{_NO_BREAK}%")
-        lines += [line.replace(_NO_BREAK, " ") for line in textwrap.wrap(bound, WIDTH, break_on_hyphens=False)]
+        lines.append(in_lines(self.verdict))
         lines += [str(one) for one in self.findings]
         if self.is_refused and self.parameters:
             lines.append(f"its values{f' and {self.more} more findings' if self.more else ''}: {where}")
@@ -267,13 +263,13 @@ def verdict(fit: Fit, missed: Collection[str] = ()) -> str:
 def hardly_stands(fit: Fit) -> bool:
     """Whether so little that a fit found is known of the strip itself that it follows its own records, and no more.
 
-    Parameters of an observation (a zero, a delay) belong to a record, and one at its bound is not found. Of a model
-    that lacks something most of the others must be determined: what it lacks goes into those that are free to move.
+    Parameters of an observation (a zero, a delay) belong to a record. Of a model that lacks something most of the
+    others must be determined: what it lacks goes into those that are free to move.
     Of any other one is enough, and where all exchange with each other, the quantities that they leave fixed predict
     other voltages as well.
     """
     own = _of_strip(fit)
-    found = sum(one.determined and not one.at_bound for one in own)
+    found = sum(one.determined for one in own)
     if lacks_something(fit):
         return 2 * found < len(own)
     return bool(own) and not found and not fit.known

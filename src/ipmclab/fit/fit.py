@@ -43,7 +43,7 @@ class FittedParameter:
         95 %: from the curvature where the error is small, from the profile of the likelihood where it is
         not; 0 or infinite where open.
     determined : bool
-        Whether the readings fix it to better than 42 % (one standard error).
+        Whether the readings fix it to better than 42 % (one standard error), within its bounds.
     at_bound : bool
     interval_next_mounting : pair of float [SI] or None
         95 % for its value at another clamping; None where runs of fewer than three mountings cannot tell.

@@ -1,4 +1,4 @@
-"""Findings in one line each: causes before their consequences, and what follows from an impossible record silent."""
+"""Findings in a sentence each: causes before their consequences, and what follows from an impossible record silent."""
 
 from __future__ import annotations
 
@@ -89,17 +89,16 @@ _SHORTEST: Final = 0.6
 _LEAST: Final = 0.25
 """Part of a line that a clause fills at least: less says nothing."""
 
-_ROOM: Final = WIDTH - 9
+_INDENT: Final = 9 * " "
+"""Below the severity, in front of a line that goes on."""
+
+_NO_BREAK: Final = "\u00a0"
+
+_ROOM: Final = WIDTH - len(_INDENT)
 """Columns of a line behind its severity."""
 
 _LONGEST_LABEL: Final = 40
 """Columns of the name of a run, before it is shortened in its middle."""
-
-_FEWEST: Final = 24
-"""Columns that a cure has at least: for fewer, parameters are counted instead of named."""
-
-_CUT: Final = " ..."
-"""Behind a text that goes on."""
 
 _STRONG: Final = re.compile(r"[.;:] ")
 _WEAK: Final = re.compile(r", ")
@@ -108,18 +107,12 @@ _WEAK: Final = re.compile(r", ")
 _CLAUSE: Final = 4
 """Words of a clause that a comma ends behind a stronger mark."""
 
-_JOINING: Final = re.compile(
-    r"( (an?|and|are|as|at|before|behind|beyond|by|for|from|in|into|is|n?either|n?or|not|of|on|over|so|than|that|the|to"
-    r"|under|was|were|which|with))+$"
-)
-"""Words that no line ends with: they lead to the next."""
-
 _BRACKETS: Final = re.compile(r" \([^()]*\)")
 
 
 @dataclass(frozen=True)
 class Brief:
-    """A finding, or several of one kind, in one line.
+    """A finding, or several of one kind, in a sentence: a line, or more where it does not fit on one.
 
     Parameters
     ----------
@@ -133,7 +126,14 @@ class Brief:
     text: str
 
     def __str__(self) -> str:
-        return f"{self.severity:<7}  {self.text}"
+        return in_lines(f"{self.severity:<7}  {self.text}", _INDENT)
+
+
+def in_lines(text: str, indent: str = "") -> str:
+    """A text in lines of at most 100 columns; a number stays beside its percent sign, and the name of a file whole."""
+    bound = text.replace(" %", f"{_NO_BREAK}%")
+    lines = textwrap.fill(bound, WIDTH, subsequent_indent=indent, break_on_hyphens=False)
+    return lines.replace(_NO_BREAK, " ")
 
 
 def in_brief(
@@ -144,7 +144,7 @@ def in_brief(
     most: int = MOST,
     said: Collection[str] = (),
 ) -> tuple[tuple[Brief, ...], int]:
-    """The most important warnings and errors in one line each, and how many findings are not said.
+    """The most important warnings and errors in a sentence each, and how many findings are not said.
 
     Parameters
     ----------
@@ -270,14 +270,14 @@ def _line(members: Sequence[Finding], outputs: Collection[str], labels: Sequence
     if one.code == "undetermined":
         names = list(dict.fromkeys(name for member in members for name in _named(member)))
         cure = _cure(one) or "record longer, with other signals, or with less noise"
-        asked = f"{_asked(names, cure)}: "
-        return Brief(one.severity, one.code, asked + shortened(cure, _ROOM - len(asked)))
+        return Brief(one.severity, one.code, f"{_asked(names, cure)}: {cure}")
     label = _label(one, labels)
-    text = _plain(one) or (one.message.removeprefix(f"{label}: ") if label else one.message)
     before = f"{_without_middle(label, _LONGEST_LABEL)}: " if label and len(labels) > 1 else ""
     after = f" ({len(members)} runs alike)" if len(members) > 1 else ""
     after += " (not in this fit)" if is_aside(one, outputs) else ""
-    return Brief(one.severity, one.code, before + shortened(text, _ROOM - len(before + after)) + after)
+    message = one.message.removeprefix(f"{label}: ") if label else one.message
+    text = _plain(one) or shortened(message, _ROOM - len(before + after))
+    return Brief(one.severity, one.code, before + text + after)
 
 
 def _without_middle(text: str, width: int) -> str:
@@ -309,13 +309,18 @@ def _plain(finding: Finding) -> str:
         case "current-rises":
             return "the current rises at constant voltage, which only a leak that grows (leak.slow) can follow"
         case "model-incomplete":
-            return f"what is left of the {channel} follows the voltage; no stage that was tried explains it"
+            return finding.message.partition(". ")[0]
         case "stage-missing" if "stage" in values:
             share = f"{100.0 * float(values.get('explained') or 0.0):.0f} %"
             return f"stage {values['stage']} explains {share} of the {channel}'s residual beyond noise"
         case "above-electrolysis" if "largest_voltage" in values:
             none = "the leak of the model gives no current there" if "leaks" in values else "the model has no leak"
             return f"water decomposes at {values['largest_voltage']:.3g} V, and {none}"
+        case "large-bending" if "drift" in values:
+            reached, limit = (f"{1e3 * float(values[key] or 0.0):.4g} mm" for key in ("largest_displacement", "limit"))
+            return (
+                f"without its sensor's drift the displacement reaches {reached}, more than a small bending of {limit}"
+            )
         case "sampling-period-unknown" if "period" in values:
             return (
                 f"the sampling period is assumed ({values['period']:.4g} s): all times and permittivities scale with it"
@@ -336,7 +341,7 @@ def _named(finding: Finding) -> list[str]:
 
 
 def _asked(names: Sequence[str], cure: str) -> str:
-    """What is to be determined: every name where the cure fits behind it, else the most moved one, else how many.
+    """What is to be determined: two names, or as many as go with the cure on a line, else the most moved and how many.
 
     Examples
     --------
@@ -345,9 +350,8 @@ def _asked(names: Sequence[str], cure: str) -> str:
     """
     every = ", ".join(names[:-1]) + (" and " if names[:-1] else "") + "".join(names[-1:])
     first = f"{names[0]} and {len(names) - 1} more" if len(names) > 1 else every
-    fewest = min(len(cure), _FEWEST)
-    for told, needed in ((every, fewest if len(names) < 3 else len(cure)), (first, fewest)):
-        if told and len(f"to determine {told}: ") + needed <= _ROOM:
+    for told, beside in ((every, len(cure) if len(names) > 2 else 0), (first, 0)):
+        if told and len(f"to determine {told}: ") + beside <= _ROOM:
             return f"to determine {told}"
     return f"to determine {len(names) or 'more'} parameter{'' if len(names) == 1 else 's'}"
 
@@ -358,9 +362,9 @@ def _cure(finding: Finding) -> str:
 
 
 def shortened(text: str, width: int) -> str:
-    """A text in one line: whole, else without its brackets, up to the last clause that fits, else to the last word.
+    """A text: whole where it fits, else without its brackets, up to the last clause that fits.
 
-    Where not even a word would fit, nothing.
+    A first clause that is longer stands whole.
 
     Examples
     --------
@@ -368,8 +372,8 @@ def shortened(text: str, width: int) -> str:
     'the voltage reaches 1.98 V, water decomposes above 1.23 V'
     >>> shortened("it draws 3 mA (2 mA is what the sheet says), so it leaks", 30)
     'it draws 3 mA, so it leaks'
-    >>> shortened("one long clause without any end that goes on and on", 24)
-    'one long clause ...'
+    >>> shortened("one long clause without any end that goes on and on; then another", 24)
+    'one long clause without any end that goes on and on'
     """
     text = " ".join(text.split())
     if len(text) <= width:
@@ -382,18 +386,11 @@ def shortened(text: str, width: int) -> str:
         whole = [end for end in ends if marks is _STRONG or _is_clause(text[:end])]
         if whole:
             return text[: max(whole)]
-    return _up_to_a_word(text, width)
+    longer = (found.start() for found in _STRONG.finditer(text) if found.start() > width)
+    return text[: next(longer, len(text))]
 
 
 def _is_clause(text: str) -> bool:
     """Whether a text may end here: not a word or two behind the last mark (": of step-1.nc"), which begin a clause."""
     *before, last = _STRONG.split(text)
     return not before or len(last.split()) >= _CLAUSE
-
-
-def _up_to_a_word(text: str, width: int) -> str:
-    """A text up to the last word that fits and may end a line; nothing where none does."""
-    if width <= len(_CUT):
-        return ""
-    short = textwrap.shorten(text, width, placeholder=_CUT)
-    return _JOINING.sub("", short.removesuffix(_CUT)) + _CUT if short.endswith(_CUT) else short

@@ -40,6 +40,7 @@ from ipmclab.identification.uncertainty.interval import (
 )
 from ipmclab.identification.uncertainty.known_covariance import Table, covariance_table
 from ipmclab.identification.uncertainty.noise_found import drift_findings, noise_findings
+from ipmclab.identification.undetermined.cures import fast_modes
 from ipmclab.identification.undetermined.diagnosis import direction_of_one, directions, names_it, relative_errors
 from ipmclab.identification.undetermined.known_quantities import Point, known_quantities
 from ipmclab.identification.undetermined.leaning import leaning_findings
@@ -142,17 +143,16 @@ def build_fit(
             interval=interval,
             determined=agree
             and min(error, nearer_error) <= DETERMINED
-            and not (at_bound and unknown.log)
+            and not at_bound
             and not has_open_end(unknown, interval)
             and not is_too_wide(unknown, interval),
             at_bound=at_bound,
             prior=unknown.beforehand,
         )
-    rank_names = list(actuator.parameter_values)
     for one in result.unseen:
         for unknown in one.unknowns:
             fitted[order(unknown.name)] = _unseen_parameter(unknown, order, problem.base[unknown.base], parameters)
-    fitted = dict(sorted(fitted.items(), key=lambda item: _file_place(item[0], rank_names)))
+    fitted = dict(sorted(fitted.items(), key=lambda item: _file_place(item[0], [*actuator.parameter_values])))
     named = tuple(_rename_direction(direction, order) for direction in open_directions)
     named += tuple(
         Direction(
@@ -161,8 +161,10 @@ def build_fit(
         for one in result.unseen
     )
     named = tuple(replace(d, coefficients=dict.fromkeys(fitted, 0.0) | dict(d.coefficients)) for d in named)
+    why = {True: "it went to its bound", False: "other values fit as well"}
+    fast = {order(name) for name in fast_modes(model, problem.records)}
     named += tuple(
-        direction_of_one(list(fitted), name, "it went to its bound" if p.at_bound else "other values fit as well")
+        direction_of_one(list(fitted), name, why[p.at_bound], problem.records, fast)
         for name, p in fitted.items()
         if not p.determined and not any(names_it(direction, name) for direction in named)
     )
@@ -352,26 +354,15 @@ def _fit_findings(
 ) -> list[Finding]:
     findings = []
     if not solution.converged:
-        findings.append(
-            Finding(
-                "not-converged",
-                "error",
-                f"the search did not converge: {solution.message}",
-                "free fewer parameters, or give longer runs",
-            )
-        )
+        said = f"the search did not converge: {solution.message}"
+        findings.append(Finding("not-converged", "error", said, "free fewer parameters, or give longer runs"))
     findings += [
         Finding("undetermined", "warning", direction.sentence, "", values=dict(direction.coefficients))
         for direction in named
     ]
-    for parameter in fitted.values():
-        if parameter.at_bound:
-            findings.append(
-                Finding(
-                    "at-bound",
-                    "warning",
-                    f"{parameter.name} went to its bound, {parameter.value:.6g} {parameter.unit}".rstrip(),
-                    "the model lacks something that the readings show, or the parameter has no effect on them: fix it",
-                )
-            )
+    repair = "the model lacks something that the readings show, or the parameter has no effect on them: fix it"
+    for one in fitted.values():
+        if one.at_bound:
+            said = f"{one.name} went to its bound, {one.value:.6g} {one.unit}".rstrip()
+            findings.append(Finding("at-bound", "warning", said, repair))
     return [*findings, *leaning_findings(found, fitted, stated, exact, asked, order)]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
@@ -75,6 +76,11 @@ def drifting_outputs(one: RunValidation) -> dict[str, float]:
         if np.linalg.norm(missed - drifted) < _MOSTLY * np.linalg.norm(missed):
             found[name] = float(slope)
     return found
+
+
+def current_rises(runs: Iterable[RunValidation]) -> list[str]:
+    """The runs whose current rises again at constant voltage."""
+    return [one.label for one in runs if any(finding.code == "current-rises" for finding in check(one.run))]
 
 
 def _is_turned(comparison: Comparison, *, shown: bool) -> bool:

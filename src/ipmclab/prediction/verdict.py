@@ -12,7 +12,7 @@ from ipmclab.fit.fit_file import fit_of
 from ipmclab.model import Actuator
 from ipmclab.prediction.open_coupling import NOT_IDENTIFIED
 from ipmclab.prediction.run_validation import RunValidation
-from ipmclab.prediction.said_of_run import begins_under_voltage, drifting_outputs, turned_outputs
+from ipmclab.prediction.said_of_run import begins_under_voltage, current_rises, drifting_outputs, turned_outputs
 from ipmclab.prediction.scores import fit_in_words, score
 from ipmclab.prediction.validate import Validation
 from ipmclab.strip_state.doubtful import EXTRAPOLATED
@@ -165,11 +165,29 @@ def _causes(fresh: Sequence[RunValidation], missed: Sequence[tuple[str, str, flo
             f"{channel.display_unit}/s, which makes {channel.to_display(abs(slope) * length):.3g} "
             f"{channel.display_unit} over the record. That is most of what was missed, and no prediction has a drift."
         )
-    others = [one for one in missed if one[1] not in begin and one[:2] not in {*turned, *drifting}]
-    if others:
+    others = {one[1] for one in missed if one[1] not in begin and one[:2] not in {*turned, *drifting}}
+    return said + _of_the_strip([one for one in fresh if one.label in others], elsewhere=bool(said))
+
+
+def _of_the_strip(missed: Sequence[RunValidation], *, elsewhere: bool) -> list[str]:
+    """What may have been otherwise with the strip; one that shares rows with a run of the fit was no other strip."""
+    rising, same = current_rises(missed), [one.label for one in missed if one.rows_in_fit is not None]
+    said = []
+    if rising:
         said.append(
-            f"{'Elsewhere the' if said else 'The'} strip or its state was another one (water, contact, temperature), "
-            "or the model holds only for the voltages and the duration of its own runs."
+            f"The current of {_listed(rising)} rises at constant voltage: the strip or its contact changes over the "
+            "record, which only a leak that grows (leak.slow) can follow."
+        )
+    if same:
+        said.append(
+            f"{_listed(same)} {'shares' if len(same) == 1 else 'share'} rows with the runs of the fit, so the strip is "
+            "the same: it or a sensor changed as the record went on, or the model holds only for the voltages and the "
+            "duration of its own runs."
+        )
+    if len(same) < len(missed):
+        said.append(
+            f"{'Elsewhere the' if said or elsewhere else 'The'} strip or its state was another one (water, contact, "
+            "temperature), or the model holds only for the voltages and the duration of its own runs."
         )
     return said
 

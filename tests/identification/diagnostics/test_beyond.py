@@ -9,6 +9,7 @@ import pytest
 
 from ipmclab import Run, RunMetadata, identify, load_actuator, read_fit, report, simulate, write_fit
 from ipmclab.fit.fit import Fit
+from ipmclab.fit.in_brief import in_brief
 from ipmclab.model.stages.beam import resonance
 
 SEED = 20261121
@@ -77,3 +78,20 @@ def test_bending_is_that_of_the_model_and_not_the_zero_of_the_sensor() -> None:
     bending = 0.3 * far / np.nanmax(np.abs(run.displacement - far))
     further = replace(run, displacement=far + bending * (run.displacement - far))
     assert told(identify(FRIEND, [further], free="coupling.gain")) == [("large-bending", "step 1 V delay=4 s")]
+
+
+@pytest.mark.parametrize("drift", [0.0, 1e-3])
+def test_bending_is_told_without_the_drift_of_its_sensor_which_a_figure_shows(drift: float) -> None:
+    """A laser that moves by 1 mm/s while the strip bends by 0.3 of its length, as the rows at 0 V show."""
+    run = measured("step 1 V delay=8 s", displacement=True)
+    assert run.displacement is not None
+    bending = 0.3 * FRIEND["geometry.free_length"] / np.nanmax(np.abs(run.displacement))
+    moving = replace(run, displacement=bending * run.displacement + drift * run.time)
+    fit = identify(FRIEND, [moving], free="coupling.gain")
+    (said,) = (finding for finding in fit.findings if finding.code == "large-bending")
+    reached = said.values["largest_displacement"]
+    assert reached == pytest.approx(0.3 * FRIEND["geometry.free_length"], rel=0.02)
+    assert ("without the drift of its sensor the displacement" in said.message) is bool(drift)
+    (line,), _ = in_brief([said], ["displacement"], [fit.observations[0].label])
+    assert ("without its sensor's drift" in line.text) is bool(drift)
+    assert f"reaches {1e3 * float(str(reached)):.4g} mm" in line.text

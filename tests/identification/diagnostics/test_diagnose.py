@@ -15,11 +15,14 @@ from scipy.signal import lfilter
 
 from ipmclab import Fit, Run, identify, load_actuator, read_fit, report, simulate, write_fit
 from ipmclab.errors import InputError
+from ipmclab.fit.in_brief import in_brief
 from ipmclab.fit.output_diagnosis import WORDS, OutputDiagnosis
 from ipmclab.identification.diagnostics.columns import along_directions, of_voltage
+from ipmclab.identification.diagnostics.diagnose import _incomplete
 from ipmclab.identification.diagnostics.left import Left
 from ipmclab.identification.diagnostics.residuals import _earlier
 from ipmclab.identification.diagnostics.score_directions import score_directions
+from ipmclab.identification.diagnostics.stages import Tried
 from ipmclab.identification.noise.pieces import Shape
 from ipmclab.model import Actuator
 from ipmclab.model.kinds import optional_kinds
@@ -158,6 +161,32 @@ def test_what_follows_the_voltage_and_no_stage_explains_is_called_so() -> None:
     found = dict(zip(one.lags, one.with_voltage, strict=True))
     nearest = min(found, key=lambda lag: abs(lag - 0.5))
     assert abs(found[nearest]) > 3.0 * one.band
+
+
+@pytest.mark.parametrize(
+    ("evidence", "said"),
+    [
+        (
+            {"branches=3": (30.0, 0.12), "clamp": (-3.0, 0.4)},
+            "branches=3 explains most, 12 % of the power beyond noise",
+        ),
+        (
+            {"branches=3": (30.0, 0.12), "clamp": (9.0, 1.0)},
+            "clamp explains most, 100 % of the power beyond noise, which chance",
+        ),
+        # A share that a chance fit would give as well is none.
+        ({"branches=3": (-1.0, 0.12), "clamp": (-3.0, 0.4)}, "none explains any of it (branches=3, clamp)"),
+    ],
+)
+def test_what_was_tried_is_told_with_what_the_best_of_it_explains(
+    evidence: dict[str, tuple[float, float]], said: str
+) -> None:
+    left: Any = SimpleNamespace(output="current", follows=True)
+    told = _incomplete(left, [Tried(name, gain, {"current": share}) for name, (gain, share) in evidence.items()], "")
+    (line,), _ = in_brief([told], ["current"])
+    start = "what is left of the current follows the voltage; of the stages that were tried"
+    assert line.text.startswith(f"{start} {said}")
+    assert line.text.endswith("(branches=3, clamp)")
 
 
 def test_gains_of_additions_are_those_of_linear_regression(lacking: Fit) -> None:

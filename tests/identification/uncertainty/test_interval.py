@@ -212,8 +212,12 @@ def test_minima_are_one_answer_up_to_two_errors_of_what_counts_as_determined(apa
     assert interval == pytest.approx((min(0.9, math.exp(apart - 0.1)), max(1.1, math.exp(apart + 0.1))))
 
 
-def test_uneven_noise_counts_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
-    """White's covariance of a straight line through readings whose variances are known: (X'X)^-1 X'WX (X'X)^-1."""
+@pytest.mark.parametrize(("times", "grows"), [(1.0, False), (1.05, False), (1.2, True), (80.0, True)])
+def test_uneven_noise_counts_as_it_is(monkeypatch: pytest.MonkeyPatch, times: float, grows: bool) -> None:
+    """White's covariance of a straight line through readings whose variances are known: (X'X)^-1 X'WX (X'X)^-1.
+
+    Noise of nearly one size everywhere does not grow: nothing is said of it.
+    """
     rows = 400
     columns = np.column_stack([np.ones(rows), np.linspace(0.0, 1.0, rows)])
     variance = np.linspace(0.05, 4.0, rows) ** 2
@@ -228,11 +232,13 @@ def test_uneven_noise_counts_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
     )
     solution = Solution(np.zeros(2), Evaluation(np.vstack([columns.T, residual])), True, "", 1)
     correlated = Correlated(cast(Any, problem), solution, solution.evaluation)
-    monkeypatch.setattr(covariance_of, "growth", lambda *_: Growth(variance, 80.0))
+    monkeypatch.setattr(covariance_of, "growth", lambda *_: Growth(variance, times))
     monkeypatch.setattr(covariance_of, "hidden_zeros", lambda _, count: np.zeros((count, 1)))
     found = covariance_of.uncertainty(correlated, {}, ())
+    assert bool(found.growing) is grows
     inverse = np.linalg.inv(columns.T @ columns)
-    np.testing.assert_allclose(found.covariance, inverse @ (columns.T * variance) @ columns @ inverse, rtol=1e-9)
+    if grows:
+        np.testing.assert_allclose(found.covariance, inverse @ (columns.T * variance) @ columns @ inverse, rtol=1e-9)
 
 
 def test_an_interval_that_nothing_limits_on_one_side_determines_nothing() -> None:

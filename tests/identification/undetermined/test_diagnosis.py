@@ -11,7 +11,8 @@ from ipmclab import Run, identify, load_actuator, simulate
 from ipmclab.identification.problem.record import prepare
 from ipmclab.identification.problem.unknowns import actuator_unknown
 from ipmclab.identification.uncertainty.covariance import Uncertainty
-from ipmclab.identification.undetermined.diagnosis import directions
+from ipmclab.identification.undetermined.cures import fast_modes
+from ipmclab.identification.undetermined.diagnosis import direction_of_one, directions
 
 FRIEND = load_actuator("friend-2")
 SHEET = "circuit.sheet_resistance"
@@ -118,3 +119,20 @@ def test_what_a_fixed_value_of_little_worth_leaves_open_asks_for_that_value(unce
     assert [one.cures for one in open_ones] == ([("measure circuit.sheet_resistance",)] if is_open else [])
     assert all("the stated uncertainty of circuit.sheet_resistance leaves it open" in one.sentence for one in open_ones)
     assert not any("record longer" in one.sentence for one in open_ones)
+
+
+@pytest.mark.parametrize(
+    ("moved", "duration", "cure"),
+    [
+        ("circuit.branches.0.permittivity", 60.0, "record more edges, at a higher rate, or with less noise"),
+        ("circuit.branches.1.permittivity", 60.0, "record longer, with steps and slow and fast signals"),
+        ("circuit.branches.1.permittivity", 600.0, "record more edges, at a higher rate, or with less noise"),
+        (DC, 600.0, "record longer, with steps and slow and fast signals"),
+        ("observation.delay[0]", 60.0, "state hold in the import map"),
+    ],
+)
+def test_a_fast_branch_asks_for_rows_and_a_slow_one_for_time(moved: str, duration: float, cure: str) -> None:
+    """The branches of this strip take 0.04 and 12 s: of what is over early a longer record shows no more."""
+    records = [prepare(simulate(FRIEND, "step 1 V", duration=duration, rate=5.0), 0, ["current"], ())]
+    told = direction_of_one([moved], moved, "other values fit as well", records, fast_modes(FRIEND, records))
+    assert told.sentence.startswith(f"{moved} is not determined: other values fit as well; {cure}")

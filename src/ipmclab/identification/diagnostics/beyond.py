@@ -45,13 +45,15 @@ def beyond_findings(fit: Fit, records: Sequence[PreparedRun]) -> list[Finding]:
                 continue
             moved = bool(record.readings.keys() & {"displacement", "force"})
             noted = finding.code == "resonance-aliased" or (finding.code == "near-resonance" and not moved)
+            drift = observation.drift.get("displacement") if finding.code == "large-bending" else None
             found.append(
                 replace(
                     finding,
                     severity="info" if noted else finding.severity,
-                    message=f"{record.label}: {finding.message}",
+                    message=f"{record.label}: {'without the drift of its sensor ' if drift else ''}{finding.message}",
                     samples=(),  # rows of the prediction, not of the record
                     effect="none",
+                    values={**finding.values, "drift": drift} if drift else finding.values,
                 )
             )
     return found

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from ipmclab.fit.output_diagnosis import OutputDiagnosis, Verdict
 from ipmclab.identification.diagnostics.left import Left
 from ipmclab.identification.diagnostics.residuals import output_diagnosis
-from ipmclab.identification.diagnostics.stages import Tried, named, tried_stages
+from ipmclab.identification.diagnostics.stages import CLEAR, Tried, named, tried_stages
 from ipmclab.identification.noise.pieces import imitated
 from ipmclab.identification.problem.free import FreeParameters
 from ipmclab.identification.problem.record import READ_OUTPUTS
@@ -104,20 +104,27 @@ def _missing(actuator: Actuator, chosen: Sequence[Tried], fixed: str) -> Finding
 
 
 def _or_wrong(fixed: str) -> str:
-    if not fixed:
-        return ""
-    return f". A wrong fixed value ({fixed}) can look the same: free it or measure it before you believe a stage"
+    said = f". A wrong fixed value ({fixed}) can look the same: free it or measure it before you believe a stage"
+    return said if fixed else ""
 
 
 def _incomplete(left: Left, tried: Sequence[Tried], fixed: str) -> Finding:
     how = "follows the voltage" if left.follows else "follows the voltage, not in proportion to it"
-    names = ", ".join(dict.fromkeys(one.stage for one in tried))
-    none = f", and no stage that was tried explains it ({names})" if names else ""
+    # What a chance fit of its parameters would give as well, a stage does not explain.
+    some = [one for one in tried if one.evidence > 0.0 and one.shares[left.output] > 0.0]
+    found, explained, names = "none explains any of it", 0.0, ", ".join(one.stage for one in tried)
+    if some:
+        best = max(some, key=lambda one: one.shares[left.output])
+        explained = best.shares[left.output]
+        found = f"{best.stage} explains most, {round(100.0 * explained, 1):g} % of the power beyond noise"
+        found += "" if best.evidence > CLEAR else ", which chance may give too"
+    of_them = f"; of the stages that were tried {found} ({names})" if tried else ""
     return Finding(
         "model-incomplete",
         "warning",
-        f"what is left of the {left.output} {how} (p < 0.1 %): the model lacks something{none}{_or_wrong(fixed)}",
+        f"what is left of the {left.output} {how}{of_them}. The model lacks something (p < 0.1 %){_or_wrong(fixed)}",
         "look at the residuals in the report; check what is held fixed, and when the edges were applied; values that "
         "rest on this output may be wrong by more than their intervals say",
         channel=left.output,
+        values={"tried": names, "explained": explained},
     )

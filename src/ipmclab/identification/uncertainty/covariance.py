@@ -25,6 +25,8 @@ from ipmclab.statespace.screen import of_neighbours
 MOVED: Final = 1e-3
 """Part of a direction of which the readings say nothing from which an entry moves along it: less is rounding."""
 
+_GROWS: Final = 1.1  # times as large, from which noise is said to grow: a tenth changes no interval to speak of
+
 
 @dataclass(frozen=True, eq=False)
 class Uncertainty:
@@ -121,7 +123,7 @@ def uncertainty(correlated: Correlated, fixed: Mapping[str, Mapping[str, float]]
     pieces = problem.pieces
     noisy = [key for key in pieces if problem.noise[key] > FLOOR * problem.floors[key]]
     found = {key: growth(correlated, key) for key in noisy}
-    growing = {key: one for key, one in found.items() if one is not None}
+    growing = {key: one for key, one in found.items() if one is not None and one.times > _GROWS}
     white = correlated.whitened.residual
     coloured = tuple(key for key in noisy if is_coloured(_even(white[pieces[key]], growing.get(key))))
     freedom = np.full(asked, float(readings))

@@ -13,7 +13,7 @@ from ipmclab.identification.noise.pieces import Key
 from ipmclab.identification.noise.weighting import at_rest_and_driven
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.uncertainty.covariance import Uncertainty
-from ipmclab.run import Finding
+from ipmclab.run import Finding, Severity
 from ipmclab.units import CHANNELS
 
 _MUCH_MORE: Final = 2.0
@@ -24,6 +24,10 @@ _NOTICED: Final = 0.05
 
 _SCATTER: Final = 1.3
 """Times the scatter of neighbouring readings: a noise that grows under voltage is no error of the model."""
+
+_UNSURE: Final = "noise-not-described"
+_MODEL_ERRS: Final = "model-error"
+_LOOK: Final = "look at the residuals in the report"
 
 
 def noise_findings(problem: Problem, correlated: Correlated, found: Uncertainty) -> list[Finding]:
@@ -50,16 +54,12 @@ def noise_findings(problem: Problem, correlated: Correlated, found: Uncertainty)
         if noise.terms.is_white or only_allowed_for:
             continue
         drifts = ", so that it drifts" if noise.terms.drifts else ""
-        findings.append(
-            Finding(
-                "coloured-residuals",
-                "info",
-                f"{labels[place]}: the residuals of {output} are no white noise about zero; taken as {noise.terms}"
-                f"{drifts}: errors and intervals allow for it",
-                "look at the residuals in the report; if they follow the voltage, the model lacks something",
-                channel=output,
-            )
+        said = (
+            f"the residuals of {output} are no white noise about zero; taken as {noise.terms}{drifts}: errors and "
+            "intervals allow for it"
         )
+        repair = f"{_LOOK}; if they follow the voltage, the model lacks something"
+        findings.append(_found("coloured-residuals", labels[place], output, said, repair))
     findings += [_drift_not_excluded(output, blind) for output, blind in correlated.blind.items()]
     for place, output in dict.fromkeys((*noises, *coloured)):
         hum = hum_in(correlated, (place, output))
@@ -68,46 +68,32 @@ def noise_findings(problem: Problem, correlated: Correlated, found: Uncertainty)
     for (place, output), growth in found.growing.items():
         if (place, output) in wrong:
             continue
-        walks = (place, output) in drifting
         grows = f"grows with it up to {growth.times:.2g} times (Spearman, p < 0.1 %)"
-        findings.append(
-            Finding(
-                "noise-not-described" if walks else "noise-grows",
-                "warning" if walks else "info",
-                f"{labels[place]}: the {output} drifts and its noise {grows}: intervals may be too small"
-                if walks
-                else f"{labels[place]}: the noise of the {output} {grows}: errors and intervals allow for it",
-                "look at the residuals in the report; a further branch or stage may help, or another range of the "
-                "converter",
-                channel=output,
-                values={"times": growth.times},
-            )
-        )
-    for place, output in coloured:
+        code, said = "noise-grows", f"the noise of the {output} {grows}: errors and intervals allow for it"
         if (place, output) in drifting:
-            findings.append(
-                Finding(
-                    "noise-not-described",
-                    "warning",
-                    f"{labels[place]}: the {output} drifts, and no noise model describes the rest (Ljung-Box, "
-                    "p < 0.1 %): intervals may be too small, for a sum of autocovariances does not hold under a drift",
-                    "look at the residuals in the report; a further branch or stage may help; leave out what drifts",
-                    channel=output,
-                )
+            code, said = _UNSURE, f"the {output} drifts and its noise {grows}: intervals may be too small"
+        repair = f"{_LOOK}; a further branch or stage may help, or another range of the converter"
+        findings.append(_found(code, labels[place], output, said, repair, times=growth.times))
+    for place, output in coloured:
+        code, repair = "coloured-residuals", f"{_LOOK}; a further branch may help"
+        said = (
+            f"what no model of the noise of {output} describes is autocorrelated (Ljung-Box, p < 0.1 %); errors and "
+            "intervals allow for it (Newey-West), but the model leaves something unexplained"
+        )
+        if (place, output) in drifting:
+            code, repair = _UNSURE, f"{_LOOK}; a further branch or stage may help; leave out what drifts"
+            said = (
+                f"the {output} drifts, and no noise model describes the rest (Ljung-Box, p < 0.1 %): intervals may be "
+                "too small, for a sum of autocovariances does not hold under a drift"
             )
-        else:
-            findings.append(
-                Finding(
-                    "coloured-residuals",
-                    "info",
-                    f"{labels[place]}: what no model of the noise of {output} describes is autocorrelated (Ljung-Box, "
-                    "p < 0.1 %); errors and intervals allow for it (Newey-West), but the model leaves something "
-                    "unexplained",
-                    "look at the residuals in the report; a further branch may help",
-                    channel=output,
-                )
-            )
+        findings.append(_found(code, labels[place], output, said, repair))
     return findings
+
+
+def _found(code: str, label: str, output: str, said: str, repair: str, **values: float) -> Finding:
+    """A warning where the noise is not described or the model errs, else a note."""
+    severity: Severity = "warning" if code in (_UNSURE, _MODEL_ERRS) else "info"
+    return Finding(code, severity, f"{label}: {said}", repair, channel=output, values=values)
 
 
 def drift_findings(problem: Problem, observations: Sequence[Observation]) -> list[Finding]:
@@ -147,30 +133,26 @@ def _model_error(correlated: Correlated, key: Key) -> tuple[float, float] | None
 def _model_is_wrong(label: str, output: str, at_rest: float, driven: float) -> Finding:
     channel = CHANNELS[output]
     left, noise = (f"{channel.to_display(size):.2g} {channel.display_unit}" for size in (driven, at_rest))
-    return Finding(
-        "model-error",
-        "warning",
-        f"{label}: under voltage the model leaves {left} (rms) of the {output}, where the noise at 0 V is {noise}: it "
-        "lacks something, and the intervals count what it leaves as noise",
-        "look at the residuals in the report; another branch or stage may help: ipmclab choose",
-        channel=output,
-        values={"driven": driven, "at_rest": at_rest},
+    said = (
+        f"under voltage the model leaves {left} (rms) of the {output}, where the noise at 0 V is {noise}: it lacks "
+        "something, and the intervals count what it leaves as noise"
     )
+    repair = f"{_LOOK}; another branch or stage may help: ipmclab choose"
+    return _found(_MODEL_ERRS, label, output, said, repair, driven=driven, at_rest=at_rest)
 
 
 def _hum(label: str, output: str, hum: Hum) -> Finding:
     channel = CHANNELS[output]
-    return Finding(
-        "noise-not-described",
-        "warning",
-        f"{label}: the {output} holds a hum of {hum.frequency:.3g} Hz with an amplitude of "
+    said = (
+        f"the {output} holds a hum of {hum.frequency:.3g} Hz with an amplitude of "
         f"{channel.to_display(hum.amplitude):.2g} {channel.display_unit}: intervals, above all of what an edge "
-        "determines, may be too small, for no noise model describes it",
-        "find its source; at a rate below twice its frequency the mains shows itself at another one: read faster, or "
-        "average over a period of the mains",
-        channel=output,
-        values={"frequency": hum.frequency, "amplitude": hum.amplitude},
+        "determines, may be too small, for no noise model describes it"
     )
+    repair = (
+        "find its source; at a rate below twice its frequency the mains shows itself at another one: read faster, or "
+        "average over a period of the mains"
+    )
+    return _found(_UNSURE, label, output, said, repair, frequency=hum.frequency, amplitude=hum.amplitude)
 
 
 def _drift_not_excluded(output: str, blind: Blind) -> Finding:

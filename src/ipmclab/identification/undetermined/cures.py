@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Final
 
+from ipmclab.identification.problem.record import PreparedRun
 from ipmclab.identification.uncertainty.covariance import MOVED
+from ipmclab.model import Actuator
 from ipmclab.model.declared import MOTION, declaration_of, in_group, measurements
 from ipmclab.model.kinds import kind_of
 from ipmclab.run import FloatArray
+
+_OVER: Final = 0.1  # of a record, within which a mode is over: more time shows nothing more of it
 
 
 @dataclass(frozen=True)
@@ -39,7 +44,7 @@ def cures_of(names: Sequence[str], row: FloatArray, outputs: Sequence[str]) -> t
     """
     moved = {name.split("[")[0] for name, part in zip(names, row, strict=True) if abs(part) > MOVED}
     found = [Cure(f"measure {name}", sentence) for name, sentence in measurements() if name in moved]
-    leans = not (in_group(MOTION, names) or _is_of_sensors(moved))
+    leans = not (in_group(MOTION, names) or all(name.startswith("observation.") for name in moved))
     known = " with a known coupling" if leans else ""
     for output in outputs:
         said = f"add a {output} run" if output == outputs[0] else f"a {output} run"
@@ -48,10 +53,6 @@ def cures_of(names: Sequence[str], row: FloatArray, outputs: Sequence[str]) -> t
     if not found and len(of) == 1 and (cure := of.pop()) and any(cure):
         found.append(Cure(*cure))
     return tuple(found)
-
-
-def _is_of_sensors(moved: Collection[str]) -> bool:
-    return all(name.startswith("observation.") for name in moved)
 
 
 def measured(name: str) -> str:
@@ -67,3 +68,16 @@ def said_of(cures: Sequence[Cure], moved: Sequence[str]) -> str:
         return f"fix {listed if len(moved) == 1 else f'one of {listed}'} at a known value"
     *most, last = [cure.sentence for cure in cures]
     return f"{', '.join(most)} or {last}" if most else last
+
+
+def fast_modes(actuator: Actuator, records: Sequence[PreparedRun]) -> frozenset[str]:
+    """The parameters of modes that are over long before the longest record is."""
+    longest = max((float(one.run.time[-1] - one.run.time[0]) for one in records), default=0.0)
+    values = actuator.parameter_values
+    return frozenset(
+        name
+        for name in values
+        if (kind := kind_of(name)) is not None
+        and kind.speed is not None
+        and kind.speed(values, kind.one(name).removesuffix(".")) < _OVER * longest
+    )

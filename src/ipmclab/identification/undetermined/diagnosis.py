@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from typing import Final
 
@@ -15,7 +15,7 @@ from ipmclab.identification.problem.unknowns import Unknown
 from ipmclab.identification.search.valleys import Rival
 from ipmclab.identification.uncertainty.covariance import MOVED, Uncertainty
 from ipmclab.identification.undetermined.closed_form import others, sparse
-from ipmclab.identification.undetermined.cures import cures_of, measured, said_of
+from ipmclab.identification.undetermined.cures import cures_of, fast_modes, measured, said_of
 from ipmclab.identification.undetermined.exchange import HARDLY, series_against_branches
 from ipmclab.model import Actuator
 from ipmclab.model.declared import is_of_circuit
@@ -66,6 +66,7 @@ def directions(
     names = [unknown.name for unknown in unknowns]
     size = sizes(unknowns, values)
     known = dict(zip(names, values, strict=True))
+    fast = fast_modes(actuator, records)
     named = [_null_direction(unknowns, row, records, actuator) for row in sparse(found.null / size)]
     covariance = sharper.covariance / (size[:, None] * size)
     errors = np.sqrt(np.maximum(covariance.diagonal(), 0.0))
@@ -91,7 +92,8 @@ def directions(
     for place in (k for k in largest_first(spread) if k in chosen):
         row, error = vectors[:, place], float(np.sqrt(spread[place]))
         reason = _uncertain_value(row, found, size)
-        named.append(_held_uncertain(names, row, error, reason) if reason else _direction(names, row, error, records))
+        plain = _direction(names, row, error, records, fast)
+        named.append(_held_uncertain(plain, reason) if reason else plain)
     against = _gain_against_zero(names, known, found, errors, records, exact)
     if against:
         named = [direction for direction in named if not _is_gain_against_zero(direction)]
@@ -102,7 +104,7 @@ def directions(
         spread, vectors = np.linalg.eigh(covariance[np.ix_(left, left)])
         row = np.zeros(len(names))
         row[left] = vectors[:, -1]
-        named.append(_direction(names, row, float(np.sqrt(spread[-1])), records))
+        named.append(_direction(names, row, float(np.sqrt(spread[-1])), records, fast))
         left = [k for k in left if not names_it(named[-1], names[k])]
     return tuple(named)
 
@@ -113,10 +115,12 @@ def names_it(direction: Direction, name: str) -> bool:
     return part > _NAMED or (part > MOVED and np.isinf(direction.error))
 
 
-def direction_of_one(names: Sequence[str], name: str, why: str) -> Direction:
+def direction_of_one(
+    names: Sequence[str], name: str, why: str, records: Sequence[PreparedRun], fast: Collection[str]
+) -> Direction:
     """A parameter that is not determined for a reason of its own."""
     way = measured(name)
-    sentence = f"{name} is not determined: {why}; {way or 'record longer, with other signals or less noise, or fix it'}"
+    sentence = f"{name} is not determined: {why}; {way or _cure([name], [name], records, fast)}"
     cures = (f"measure {name.split('[')[0]}",) if way else ()
     return Direction(dict.fromkeys(names, 0.0) | {name: 1.0}, sentence, np.inf, cures)
 
@@ -126,10 +130,12 @@ def _is_gain_against_zero(direction: Direction) -> bool:
     return gain * zero < 0 and gain * gain + zero * zero > 0.95
 
 
-def _direction(names: Sequence[str], row: FloatArray, error: float, records: Sequence[PreparedRun]) -> Direction:
+def _direction(
+    names: Sequence[str], row: FloatArray, error: float, records: Sequence[PreparedRun], fast: Collection[str]
+) -> Direction:
     row = upright(row / np.linalg.norm(row))
-    coefficients = {name: float(value) for name, value in zip(names, row, strict=True)}
-    return Direction(coefficients, _sentence(coefficients, error, records), error)
+    coefficients = dict(zip(names, map(float, row), strict=True))
+    return Direction(coefficients, _sentence(coefficients, error, records, fast), error)
 
 
 def _uncertain_value(row: FloatArray, found: Uncertainty, size: FloatArray) -> str:
@@ -142,8 +148,7 @@ def _uncertain_value(row: FloatArray, found: Uncertainty, size: FloatArray) -> s
     return max(felt, key=felt.__getitem__) if max(felt.values()) > 0.0 else ""
 
 
-def _held_uncertain(names: Sequence[str], row: FloatArray, error: float, held: str) -> Direction:
-    plain = _direction(names, row, error, ())
+def _held_uncertain(plain: Direction, held: str) -> Direction:
     what = plain.sentence.split("; ")[0]
     cure = measured(held) or f"measure {held} better"
     return replace(
@@ -155,7 +160,7 @@ def _null_direction(
     unknowns: Sequence[Unknown], row: FloatArray, records: Sequence[PreparedRun], actuator: Actuator
 ) -> Direction:
     names = [unknown.name for unknown in unknowns]
-    plain = _direction(names, row, np.inf, records)
+    plain = _direction(names, row, np.inf, records, fast_modes(actuator, records))
     moved = [name for name in names if abs(plain.coefficients[name]) > MOVED]
     if any(name.startswith("observation.") for name in moved) or _at_bounds(unknowns, moved, actuator):
         return plain
@@ -206,7 +211,9 @@ def _outputs(records: Sequence[PreparedRun]) -> list[str]:
     return list(dict.fromkeys(output for record in records for output in record.readings))
 
 
-def _sentence(coefficients: Mapping[str, float], error: float, records: Sequence[PreparedRun]) -> str:
+def _sentence(
+    coefficients: Mapping[str, float], error: float, records: Sequence[PreparedRun], fast: Collection[str]
+) -> str:
     moved = names_by_size({n: c for n, c in coefficients.items() if abs(c) > MOVED})
     large = [name for name in moved if abs(coefficients[name]) > _NAMED] or moved[:1]
     listed = ", ".join(large)
@@ -220,19 +227,21 @@ def _sentence(coefficients: Mapping[str, float], error: float, records: Sequence
         what += f": {it} is known to a factor of {np.exp(error):.3g} only"
     elif np.isfinite(error):
         what += f": {it} is hardly known at all"
-    own = {"" if (kind := kind_of(name)) is None else kind.to_determine for name in large}
-    if len(own) == 1 and (cure := own.pop()):
-        return f"{what}; {cure}"
     # An edge that follows what else is open is no reason for it.
     asked = [
         name
         for name in moved
         if name in large or (abs(coefficients[name]) > 0.01 and not name.startswith("observation."))
     ]
-    return f"{what}; {_cure({name.split('[')[0] for name in asked}, records)}"
+    return f"{what}; {_cure(large, asked, records, fast)}"
 
 
-def _cure(moved: set[str], records: Sequence[PreparedRun]) -> str:
+def _cure(large: Sequence[str], asked: Sequence[str], records: Sequence[PreparedRun], fast: Collection[str]) -> str:
+    """What to record: as their stage says where what moves most is of one, else by all that are ``asked``."""
+    own = {"" if (kind := kind_of(name)) is None else kind.to_determine for name in large}
+    if len(own) == 1 and (cure := own.pop()):
+        return cure
+    moved = {name.split("[")[0] for name in asked}
     outputs = {output for record in records for output in record.readings}
     circuit = {name for name in moved if is_of_circuit(name)}
     series = moved & set(SERIES)
@@ -259,6 +268,8 @@ def _cure(moved: set[str], records: Sequence[PreparedRun]) -> str:
         return "record faster, so that the zero shows, or fix coupling.zero"
     if {name.split(".")[0] for name in moved} == {"geometry"}:
         return "fix the dimensions at measured values"
+    if moved <= {*fast}:
+        return "record more edges, at a higher rate, or with less noise"
     return "record longer, with steps and slow and fast signals, or with less noise"
 
 

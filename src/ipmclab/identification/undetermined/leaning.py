@@ -14,7 +14,7 @@ from ipmclab.identification.problem.unknowns import Unknown
 from ipmclab.identification.uncertainty.covariance import Uncertainty
 from ipmclab.identification.uncertainty.interval import half_width
 from ipmclab.model.declared import MOTION, in_group
-from ipmclab.run import Finding
+from ipmclab.run import Finding, Severity
 from ipmclab.ties import largest_first
 
 _FELT: Final = 1e-3  # of a parameter, for 1 % of a fixed value: what is less is not told
@@ -73,18 +73,9 @@ def leaning_findings(
         message = f"{order(name)} is taken as exact, because no uncertainty is stated for it: {leans}"
         if beyond.any():
             message += ", farther than the 95 % interval reaches"
-        told.append(
-            (
-                largest,
-                Finding(
-                    "exact-fixed-value",
-                    "warning" if beyond.any() else "info",
-                    message,
-                    'write it as { value = "...", standard_uncertainty = "..." } in the actuator\'s file',
-                    values={"leverage": largest},
-                ),
-            )
-        )
+        severity: Severity = "warning" if beyond.any() else "info"
+        repair = 'write it as { value = "...", standard_uncertainty = "..." } in the actuator\'s file'
+        told.append((largest, Finding("exact-fixed-value", severity, message, repair, values={"leverage": largest})))
     return [told[k][1] for k in largest_first([size for size, _ in told])]
 
 

@@ -15,7 +15,7 @@ from ipmclab.reporting.wording import plain
 if TYPE_CHECKING:
     from ipmclab.choosing.choice import Choice
 
-_WIDE: Final = 30.0  # standard errors of the nearest model beyond which the axis becomes logarithmic
+_WIDE: Final = 20.0  # times as far as the nearest model is the farthest, from which on the axis is logarithmic
 
 
 def choice_figure(choice: Choice) -> Figure:
@@ -41,10 +41,11 @@ def choice_figure(choice: Choice) -> Figure:
     with style():
         figure, grid = panel_grid([0.32 * len(ranked) + 0.15], 1, margins=Margins(left=2.3, top=0.32))
         panel = grid[0, 0]
-        small = [abs(value) + reach for value, reach, far in zip(values, reaches, told, strict=True) if not far]
-        linear = max(10.0, 1.5 * max(small))
-        if max(np.abs(values)) > _WIDE * linear / 10.0:
-            panel.set_xscale("symlog", linthresh=linear, linscale=1.0)
+        # Less than a nat is nothing to see.
+        far_away = [max(abs(value) + reach, 1.0) for value, reach in zip(values, reaches, strict=True)][1:] or [1.0]
+        wide = max(far_away) > _WIDE * min(far_away)
+        if wide:
+            panel.set_xscale("symlog", linthresh=1.5 * min(far_away), linscale=1.0)
         panel.axvline(0.0, color=COLOURS["muted"], linewidth=0.8)
         for place, value, reach, far, one in zip(places, values, reaches, told, ranked, strict=True):
             colour = COLOURS["vermillion" if far else "blue"]
@@ -66,7 +67,8 @@ def choice_figure(choice: Choice) -> Figure:
         panel.grid(visible=True, axis="x")
         panel.grid(visible=False, axis="y")
         panel.tick_params(axis="y", length=0)
-        panel.set_xlabel("log predictive likelihood, less that of the best (nat)")
+        scale = ", logarithmic scale" if wide else ""
+        panel.set_xlabel(f"log predictive likelihood, less that of the best (nat{scale})")
         panel.set_title(
             "diamond: preferred · blue: not distinguishable from the best · orange: worse · bars: 95 %",
             fontsize=7.5,

@@ -29,14 +29,16 @@ _LINE: Final = 0.2  # inch, of a line of text at the foot
 _COLOURS: Final = ("vermillion", "blue")
 
 
-def before_and_after(runs: Sequence[Run] | Run, before: Actuator, after: Actuator) -> Figure:
+def before_and_after(runs: Sequence[Run] | Run, before: Actuator | None, after: Actuator) -> Figure:
     """Draw what was measured beside a model before its estimation, at the left, and after it, at the right.
 
     Parameters
     ----------
     runs : Run or sequence of Run
-    before, after : Actuator
-        With starting values, and with those that were found.
+    before : Actuator or None
+        With starting values; without it, what was found is drawn alone.
+    after : Actuator
+        With the values that were found.
 
     Returns
     -------
@@ -60,9 +62,10 @@ def before_and_after(runs: Sequence[Run] | Run, before: Actuator, after: Actuato
     ['before: friend-2', 'after: friend-2']
     """
     drawn = [runs] if isinstance(runs, Run) else list(runs)
-    pairs = list(zip(*(validate(model, drawn).runs for model in (before, after)), strict=True)) if drawn else []
-    told = [drawn_outputs([after], pair[1].comparisons) for pair in pairs]
-    rows = [(pair, output) for pair, (outputs, _) in zip(pairs, told, strict=True) for output in outputs]
+    models = {"after": after} if before is None else {"before": before, "after": after}
+    each = list(zip(*(validate(model, drawn).runs for model in models.values()), strict=True)) if drawn else []
+    told = [drawn_outputs([after], beside[-1].comparisons) for beside in each]
+    rows = [(beside, output) for beside, (outputs, _) in zip(each, told, strict=True) for output in outputs]
     left_out = " ".join(dict.fromkeys(sentence for _, sentence in told if sentence))
     if not rows:
         raise InputError(
@@ -75,20 +78,20 @@ def before_and_after(runs: Sequence[Run] | Run, before: Actuator, after: Actuato
     with style():
         figure, grid = panel_grid(
             [_HEIGHT] * len(rows),
-            2,
+            len(models),
             margins=Margins(left=0.68, top=0.45, bottom=0.72 + foot, row_gap=0.42),
             sharex="row",
             sharey="row",
         )
-        for (pair, output), panels in zip(rows, grid, strict=True):
-            _row(pair, output, panels)
-        for panel, word, model in zip(grid[0], ("before", "after"), (before, after), strict=True):
+        for (beside, output), panels in zip(rows, grid, strict=True):
+            _row(beside, output, panels)
+        for panel, (word, model) in zip(grid[0], models.items(), strict=True):
             panel.set_title(f"{word}: {label_text(model.name)}", loc="center", pad=14.0)
         for panel in grid[-1]:
             panel.set_xlabel("time (s)")
         figure.legend(
-            [grid[0, 0].lines[0], grid[0, 0].lines[1], grid[0, 1].lines[1]],
-            ["measured", "model before", "model after"],
+            [grid[0, 0].lines[0], *(panel.lines[1] for panel in grid[0])],
+            ["measured", *(f"model {word}" for word in models)],
             loc="lower center",
             bbox_to_anchor=(0.5, foot / figure.get_figheight()),
             ncols=3,
@@ -98,9 +101,9 @@ def before_and_after(runs: Sequence[Run] | Run, before: Actuator, after: Actuato
     return figure
 
 
-def _row(pair: tuple[RunValidation, RunValidation], output: str, panels: Sequence[Axes]) -> None:
+def _row(beside: Sequence[RunValidation], output: str, panels: Sequence[Axes]) -> None:
     quantity = CHANNELS[output]
-    for one, panel, colour in zip(pair, panels, _COLOURS, strict=True):
+    for one, panel, colour in zip(beside, panels, _COLOURS[-len(beside) :], strict=True):
         comparison = one.comparisons[output]
         counted = comparison.used if comparison.used.any() else np.ones_like(comparison.used)
         curve(panel, output, comparison.time, np.where(counted, comparison.measured, np.nan), **MEASURED)
@@ -109,6 +112,6 @@ def _row(pair: tuple[RunValidation, RunValidation], output: str, panels: Sequenc
         panel.margins(x=0.02, y=0.14)
         error = with_unit(score(output, [comparison]).rmse, quantity, 2)
         panel.text(1, 1.03, f"RMSE {error}", transform=panel.transAxes, ha="right", fontsize=7.5)
-    panels[0].text(0, 1.03, label_text(pair[0].label), transform=panels[0].transAxes, fontsize=7.5)
+    panels[0].text(0, 1.03, label_text(beside[0].label), transform=panels[0].transAxes, fontsize=7.5)
     panels[0].set_ylabel(f"{quantity.name} ({spelled_unit(quantity.display_unit)})")
     panels[0].yaxis.set_label_coords(-0.48 / (panels[0].get_position().width * PAGE_WIDTH), 0.5)
