@@ -36,6 +36,7 @@ SOURCES = ("src/ipmclab/model", "src/ipmclab/identification", "src/ipmclab/state
 SEED = 20261122
 FREE = ("electrical", "circuit.sheet_resistance")
 WORST_DRAWN = 1.1
+EXACT = 1e-14  # A or m: a millionth of what any bench resolves
 LEVELS = 0.80, 0.95
 SEEN = 30.0, 15.0  # s, of which fits predict as many again
 Array = npt.NDArray[np.float64]
@@ -89,7 +90,7 @@ def plain_fit(voltage: Array, current: Array, period: float, branches: int, used
 
 @dataclass(frozen=True)
 class Compared:
-    """Root mean square of what is left [A]: by ``identify``, and by plain least squares; and the times [s]."""
+    """Root mean square of what is left [A or m]: by ``identify``, and by plain least squares; and the times [s]."""
 
     left: float
     plain: float
@@ -97,7 +98,8 @@ class Compared:
 
     @property
     def ratio(self) -> float:
-        return self.left / self.plain
+        """Of both; 1 where each is the rounding of numbers, as of a leak too small to count in readings without noise."""
+        return max(self.left, EXACT) / max(self.plain, EXACT)
 
 
 def poles_left(node: Array, readings: Array, period: float, count: int) -> float:
