@@ -98,7 +98,7 @@ class Compared:
 
     @property
     def ratio(self) -> float:
-        """Of both; 1 where each is the rounding of numbers, as of a leak too small to count in readings without noise."""
+        """Of both; 1 where each is rounding, as of a leak too small to show in readings without noise."""
         return max(self.left, EXACT) / max(self.plain, EXACT)
 
 
