@@ -82,10 +82,13 @@ def timeline(time: FloatArray, voltage: FloatArray, hold: Hold, *, delay: float,
         edges, levels = edges[changes], levels[changes]
     edges = _snap(edges + delay, time, _SAME_TIME * period)
     before = 0.0 if from_rest and (delay < 0 or not read_before) else voltage[0]
-    begin = min(time[0], edges[0]) if from_rest else time[0]
-    events = np.unique(np.concatenate([[begin], time, edges]))
-    events = events[(events >= begin) & (events <= time[-1])]
+    place = np.searchsorted(time, edges)
+    between = (edges > time[0]) | from_rest
+    between &= (edges < time[-1]) & (time[np.minimum(place, len(time) - 1)] != edges)
+    events = np.insert(time, place[between], edges[between])
+    row = np.insert(np.arange(len(time)), place[between], -1)
     at_event = np.searchsorted(edges, events, side="right") - 1
+    edge_events, inside = np.searchsorted(events, edges), (edges >= events[0]) & (edges <= events[-1])
     levels = np.append(before, levels)  # levels[k + 1] since edge k
     lengths = np.diff(events)
     jump = np.zeros(len(events))
@@ -104,14 +107,10 @@ def timeline(time: FloatArray, voltage: FloatArray, hold: Hold, *, delay: float,
         start = end = levels[at_event[:-1] + 1]
         reading = levels[np.searchsorted(edges, time, side="left" if read_before else "right")]
         rate, reading_rate = np.zeros(len(lengths)), np.zeros(len(time))
-        jumps = -np.diff(levels)
-        edge_events = np.searchsorted(events, edges)
-        inside = (edges >= events[0]) & (edges <= events[-1])
-        jump[edge_events[inside]] = jumps[inside]
+        jump[edge_events[inside]] = -np.diff(levels)[inside]
     durations, interval = _kinds(lengths, _SAME_DURATION * period)
-    row = np.full(len(events), -1, dtype=np.int64)
-    row[np.searchsorted(events, time)] = np.arange(len(time))
-    moves = np.isin(events, edges)
+    moves = np.zeros(len(events), dtype=bool)
+    moves[edge_events[inside]] = True
     if not (from_rest or read_before):
         moves[0] = False  # the state is given behind this edge, and for its own time
     both = moves & (row >= 0)
