@@ -14,7 +14,7 @@ FRIEND = load_actuator("friend-2")
 
 @pytest.mark.parametrize(("thickness", "is_usual"), [(5e-3, False), (0.5e-3, True), (0.05e-3, True), (0.02e-3, False)])
 def test_a_thickness_in_another_unit_is_warned_of(thickness: float, is_usual: bool) -> None:
-    """A data sheet's 0.5 mm as 0.5 cm; 2 mil (0.05 mm) is the thinnest membrane that is sold."""
+    """A data sheet's 0.5 mm as 0.5 cm; 2 mil (0.05 mm) is an extruded membrane that is sold."""
     found = cross_check(FRIEND.replace(**{"geometry.thickness": thickness}))
     told = [one for one in found if one.code == "thickness-unusual"]
     assert (told == []) is is_usual

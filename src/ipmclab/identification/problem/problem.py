@@ -249,9 +249,9 @@ class Problem:
         return self._response(record, self.values(theta, record.place), theta, ()).values
 
     def spared(self, theta: FloatArray) -> float:
-        """The part of the cost with which delays are drawn to the middle of where their rows confine them.
+        """The part of the cost with which delays and sensors are drawn to the middle of where rows confine them.
 
-        There every delay is as likely as another (a rectangular distribution of the same deviation), so within it
+        There every value is as likely as another (a rectangular distribution of the same deviation), so within it
         that part is no evidence.
         """
         away = np.abs(self._from_beforehand(theta)[self._prior_is_range])
