@@ -6,6 +6,7 @@ import signal
 import sys
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from threadpoolctl import threadpool_info, threadpool_limits
 import ipmclab
 import ipmclab.choosing.choice
 from ipmclab import InputError, IpmclabError, Run, RunMetadata
-from ipmclab.choosing.choice import Candidate, as_close
+from ipmclab.choosing.choice import Candidate, Choice, as_close
 
 SEED, RATE = 20261121, 25.0
 WHITE = 1e-4  # A
@@ -35,13 +36,19 @@ def record(truth: str, signal: str, seed: int, *, slow: float = 0.0, seconds: fl
     )
 
 
+@cache
+def one_branch_or_two(slow: float, seed: int) -> Choice:
+    """The choice for a step of a strip with two."""
+    return ipmclab.choose(
+        record("friend-2", "step 1 V delay=1 s", seed, slow=slow), "branches=1,2", actuator="friend-2"
+    )
+
+
 @pytest.mark.parametrize("slow", [0.0, 3e-4], ids=["white", "correlated"])
 @pytest.mark.parametrize("seed", [0, 1])
 def test_the_model_that_made_the_data_is_picked(slow: float, seed: int) -> None:
     """One branch cannot do what two did, in blocks of one run; the full rates are in benchmarks/choice.py."""
-    choice = ipmclab.choose(
-        record("friend-2", "step 1 V delay=1 s", seed, slow=slow), "branches=1,2", actuator="friend-2"
-    )
+    choice = one_branch_or_two(slow, seed)
     assert choice.preferred == "branches=2"
     assert choice.differences["branches=1", "branches=2"].is_told
     assert choice.held_out == "blocks"
@@ -329,7 +336,7 @@ def test_the_best_of_some_models_need_not_be_complete() -> None:
     choice = ipmclab.choose(leaking, "branches=1,2", actuator="friend-2", free="electrical")
     (said,) = [text for text in choice.sentences if "still lacks something" in text]
     assert said.startswith(f"{choice.preferred} still lacks something: ")
-    complete = ipmclab.choose(record("friend-2", "step 1 V delay=1 s", 0), "branches=1,2", actuator="friend-2")
+    complete = one_branch_or_two(0.0, 0)
     assert not any("still lacks" in text for text in complete.sentences)
 
 

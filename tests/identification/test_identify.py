@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ipmclab import InputError, Run, RunMetadata, identify, load_actuator, simulate
+from ipmclab import Fit, InputError, Run, RunMetadata, identify, load_actuator, simulate
 from ipmclab.model import Actuator, simulate_outputs
 from tests.independent.bounds import ELECTRICAL, noisy_current, relative_errors, step_and_sine, strip_of
 
@@ -350,9 +350,14 @@ def test_coloured_residuals_widen_the_errors() -> None:
     assert 2.5 < fit.parameters[slow].standard_error / naive < 6.0
 
 
-def test_a_current_that_the_electrodes_do_not_allow_is_named() -> None:
-    fit = identify(FRIEND.replace(**{"circuit.sheet_resistance": 3.0}), [record()])
-    said = next(finding for finding in fit.findings if finding.code == "impossible-current")
+@pytest.fixture(scope="module")
+def behind_thin_electrodes() -> Fit:
+    """A fit with a sheet resistance that does not allow the current of the first instant."""
+    return identify(FRIEND.replace(**{"circuit.sheet_resistance": 3.0}), [record()])
+
+
+def test_a_current_that_the_electrodes_do_not_allow_is_named(behind_thin_electrodes: Fit) -> None:
+    said = next(finding for finding in behind_thin_electrodes.findings if finding.code == "impossible-current")
     assert "36 ohm" in said.message
     assert said.severity == "error"
 
@@ -388,14 +393,14 @@ def test_requests_that_cannot_be_met(runs: list[Run], free: str, code: str, word
     assert caught.value.repair
 
 
-def test_every_parameter_that_is_not_determined_is_named_by_a_direction() -> None:
+def test_every_parameter_that_is_not_determined_is_named_by_a_direction(behind_thin_electrodes: Fit) -> None:
     force = [record("step 1 V", keep=("force",)), record("sine 1 V 0.1 Hz", keep=("force",))]
     reversed_step = replace(record(), current=-record().current)  # type: ignore[operator]
     fits = [
         identify(FRIEND, force, free="coupling"),
         identify(FRIEND, [record()], free="electrical,circuit.contact_resistance,circuit.sheet_resistance"),
         identify(FRIEND, [reversed_step]),
-        identify(FRIEND.replace(**{"circuit.sheet_resistance": 3.0}), [record()]),
+        behind_thin_electrodes,
         identify(FRIEND, [record(duration=3.0)]),
     ]
     assert not fits[0].parameters["coupling.zero"].determined  # so fast that only gain times zero shows

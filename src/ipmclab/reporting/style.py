@@ -46,6 +46,7 @@ _SETTINGS: Final[dict[Any, Any]] = {
     "axes.titleweight": "bold",
     "axes.titlelocation": "left",
     "axes.titlepad": 6.0,
+    "axes.titley": 1.0,  # where it is anyway: a panel has no ticks above it that would have to be looked for
     "axes.labelsize": 8.5,
     "axes.labelcolor": COLOURS["ink"],
     "axes.edgecolor": COLOURS["muted"],

@@ -169,6 +169,8 @@ class VirtualBench:
         if meter is None:
             return readings, np.empty(0)
         due = (rows - 1) % max(1, round(self._rate * THERMOMETER_PERIOD)) == 0
+        if not due.any():  # most blocks: a resistance of no row would be computed, and solved for all the same
+            return readings, np.empty(0)
         return readings, platinum_temperature(volts[meter.physical or "thermometer"][due], meter.resistance)
 
     def _check_open(self) -> None:

@@ -134,8 +134,12 @@ def _is_utf_16(path: Path) -> bool:
 def _of_lines(lines: list[str], path: Path) -> tuple[tuple[int, ...], Layout]:
     numbers = [number for number, line in enumerate(lines) if line.strip()][:_HEAD]
     best: tuple[tuple[int, ...], str, _Region] | None = None
+    looked_at: list[list[list[str]]] = []
     for separator in _SEPARATORS:
         rows = [_split(lines[number], separator) for number in numbers]
+        if rows in looked_at:  # such as whole lines, where two separators do not occur
+            continue
+        looked_at.append(rows)
         region = find_region(rows)
         if region is not None and (best is None or region.rank > best[0]):
             best = region.rank, separator, region
