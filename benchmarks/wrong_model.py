@@ -102,20 +102,27 @@ class Compared:
         return max(self.left, EXACT) / max(self.plain, EXACT)
 
 
-def poles_left(node: Array, readings: Array, period: float, count: int) -> float:
-    """What real poles of the node's voltage, with residues of any size and a zero, leave at best of some readings."""
-    lower, upper = np.log(1e-3 / (len(node) * period)), np.log(3.0 / period)
+FINE = 16
+"""Parts of a row in which the node's voltage is straight: over a row it is not, where the applied voltage steps."""
+
+
+def poles_left(node: Array, readings: Array, rate: float, count: int) -> float:
+    """What real poles of the node's voltage, with residues of any size and a zero, leave at best of some readings.
+
+    The voltage is given ``FINE`` times as often as the readings.
+    """
+    period = 1.0 / (FINE * rate)
+    lower, upper = np.log(1e-3 / (len(node) * period)), np.log(30.0 * rate)
     generator = np.random.default_rng(1)
 
     def residual(point: Array) -> Array:
-        columns = [np.ones(len(node))]
-        for rate in np.exp(point):
-            # Exact for a voltage that is straight from row to row.
-            step = rate * period
+        columns = [np.ones(len(readings))]
+        for pole in np.exp(point):
+            step = pole * period
             first = -np.expm1(-step) / step
             second = (1.0 - first) / step
             moved = period * ((first - second) * node[:-1] + second * node[1:])
-            columns.append(np.append(0.0, scipy.signal.lfilter([1.0], [1.0, -np.exp(-step)], moved)))
+            columns.append(np.append(0.0, scipy.signal.lfilter([1.0], [1.0, -np.exp(-step)], moved))[::FINE])
         table = np.column_stack(columns)
         size = np.linalg.norm(table, axis=0)
         table = table / np.where(size > 0.0, size, 1.0)
@@ -125,7 +132,7 @@ def poles_left(node: Array, readings: Array, period: float, count: int) -> float
     found = [
         scipy.optimize.least_squares(
             lambda point: residual(point) / scale,
-            np.sort(generator.uniform(np.log(0.3 / (len(node) * period)), np.log(1.0 / period), count)),
+            np.sort(generator.uniform(np.log(0.3 / (len(node) * period)), np.log(rate), count)),
             bounds=(lower, upper),
             max_nfev=200,
         )
@@ -144,8 +151,10 @@ def compared_motion(run: ipmclab.Run, actuator: ipmclab.Actuator) -> Compared:
         fit = ipmclab.identify(actuator, run, free=("coupling", "relaxation"))
     seconds = time.perf_counter() - begin
     left = float(np.sqrt(np.mean(fit.residuals[0]["displacement"] ** 2)))
-    node = simulate_outputs(actuator, run.time, run.voltage, "zero", outputs=["applied_voltage"])[0]
-    return Compared(left, poles_left(np.asarray(node), run.displacement, 1.0 / run.rate, 3), seconds)
+    time_of = np.arange(FINE * (len(run) - 1) + 1) / (FINE * run.rate)
+    voltage = np.repeat(run.voltage, FINE)[: len(time_of)]
+    node = np.asarray(simulate_outputs(actuator, time_of, voltage, "zero", outputs=["applied_voltage"])[0])
+    return Compared(left, poles_left(node, run.displacement, run.rate, 3), seconds)
 
 
 def compared(run: ipmclab.Run, actuator: ipmclab.Actuator, branches: int) -> Compared:

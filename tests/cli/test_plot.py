@@ -30,8 +30,8 @@ def test_what_does_not_go_together_is_refused(command, tmp_path: Path) -> None:
     assert command("simulate", "friend-2", *words).status == 0
     for wrong, repair in (
         (("--before", "friend-2"), "add --after ACTUATOR, or draw it alone: --after friend-2"),
-        (("--characteristic", "--before", "friend-2"), "add --after ACTUATOR"),
-        (("--characteristic", "--after", "friend-2"), "leave one of them out"),
+        (("--characteristic", "--before", "friend-2"), "leave --before and --after out"),
+        (("--characteristic", "--after", "friend-2"), "leave --before and --after out"),
     ):
         refused = command("plot", "run.nc", *wrong, "--out", "figure.svg")
         assert refused.status == 2

@@ -12,16 +12,16 @@ from ipmclab.fit.answer import answer_of
 FRIEND = load_actuator("friend-2")
 
 
-@pytest.mark.parametrize(("thickness", "is_usual"), [(5e-3, False), (0.5e-3, True), (0.05e-3, True), (0.02e-3, False)])
+@pytest.mark.parametrize(("thickness", "is_usual"), [(5e-3, False), (0.5e-3, True), (0.025e-3, True), (0.01e-3, False)])
 def test_a_thickness_in_another_unit_is_warned_of(thickness: float, is_usual: bool) -> None:
-    """A data sheet's 0.5 mm as 0.5 cm; 2 mil (0.05 mm) is an extruded membrane that is sold."""
+    """A data sheet's 0.5 mm as 0.5 cm; 25 um is the thinnest membrane that is sold."""
     found = cross_check(FRIEND.replace(**{"geometry.thickness": thickness}))
     told = [one for one in found if one.code == "thickness-unusual"]
     assert (told == []) is is_usual
     for one in told:
         assert one.severity == "warning"
         assert f"{1e3 * thickness:g} mm" in one.message
-        assert "0.05 mm to 1 mm" in one.message
+        assert "0.02 mm to 1 mm" in one.message
 
 
 def test_a_fit_says_it_first_even_where_it_makes_a_reading_seem_off() -> None:

@@ -175,9 +175,10 @@ def test_rows_at_0_v_hold_the_zero_of_a_current(real_runs: Path) -> None:
     fit = identify(strip(56.9), run, free="electrical")
     assert run.current is not None
     before = run.current[run.voltage == 0.0][:-3]
-    mean, error = float(np.mean(before)), float(np.std(before) / np.sqrt(len(before)))
+    fifths = [float(part.mean()) for part in np.array_split(before, 5)]
     zero = fit.parameters["observation.offset.current[0]"]
-    # Some of the noise there follows itself: the mean is known four times worse than white noise would say.
-    assert abs(zero.value - mean) < 4.0 * error
+    assert min(fifths) < zero.value < max(fifths)
+    # In the last seconds before the step it moves by half a milliampere: it need not stay where it was.
+    reach = 2.0 * (max(fifths) - min(fifths))
     low, high = zero.interval
-    assert mean - 4.0 * 3.3 * error < low < mean < high < mean + 4.0 * 3.3 * error
+    assert min(fifths) - reach < low < high < max(fifths) + reach

@@ -38,19 +38,19 @@ def plot(
     ipmclab plot step.nc --after fitted.toml --out fit.svg
     ipmclab plot step.nc sine.nc --before friend-2 --after fitted.toml --out estimation.svg
     """
+    if characteristic and (before or after):
+        raise InputError(
+            "--characteristic is a figure without a model",
+            code="usage",
+            where="plot",
+            repair="leave --before and --after out, or --characteristic",
+        )
     if before is not None and after is None:
         raise InputError(
             "a model before its estimation was given, and none after it",
             code="usage",
             where="--before",
             repair=f"add --after ACTUATOR, or draw it alone: --after {before}",
-        )
-    if characteristic and after is not None:
-        raise InputError(
-            "--characteristic and --after are figures by themselves",
-            code="usage",
-            where="plot",
-            repair="leave one of them out",
         )
     check_output(out, force=force, suffixes=SUFFIXES, reads=[*runs, *actuator_files(before, after)])
     loaded = read_runs(runs)

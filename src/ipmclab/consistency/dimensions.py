@@ -11,14 +11,15 @@ from ipmclab.units import LENGTH
 
 CODE: Final = "thickness-unusual"
 
-USUAL: Final = (50e-6, 1e-3)
-"""Thickness [m]: from a single cast film to several membranes pressed on each other; Nafion is sold up to 0.25 mm."""
+USUAL: Final = (20e-6, 1e-3)
+"""Thickness [m]: from the thinnest membranes (25 um) to several pressed on each other; Nafion is sold up to 0.25 mm."""
+_ROUNDED: Final = 1e-3  # relative: a value that is printed as the end of the range is in it
 
 
 def thickness_unusual(actuator: Actuator) -> list[Finding]:
     """``thickness-unusual``: thinner or thicker than strips of Nafion are."""
     thickness, (low, high) = actuator["geometry.thickness"], USUAL
-    if low <= thickness <= high:
+    if low * (1.0 - _ROUNDED) <= thickness <= high * (1.0 + _ROUNDED):
         return []
     has, least, most = (f"{shown(LENGTH.to_display(one))} {LENGTH.display_unit}" for one in (thickness, low, high))
     return [

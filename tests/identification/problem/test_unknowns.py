@@ -42,11 +42,11 @@ def test_a_sensor_drifts_no_more_than_a_strip_that_was_not_at_rest_moves() -> No
     assert 0.0 < error < 6.0 * 1e-6 / (4.8 * np.sqrt(120.0 / 12.0))
     assert slope == pytest.approx(SLOPE, abs=4.0 * error)
     # From rest the rows at 0 V show the sensor alone: about their slope, as far as chance makes their noise a walk.
-    strays = 2.0 * 1e-6**2 / 1.2 * np.sqrt(6.0 / 90.0)  # of white noise of 1 um, 90 pairs a quarter of the rows apart
+    strays = 2.0 * 1e-6**2 / 20.0 / (0.8 * (2.0 / 3.0 - 0.2))  # by means over 20 rows and 0.8 s, of white noise of 1 um
     sensor = drift_of(replace(record, start="shown rest"))
     assert 0.5 * (sensor.lower + sensor.upper) == pytest.approx(slope)
     half = 0.5 * (sensor.upper - sensor.lower)
-    assert 3.3 * error <= half < 3.3 * np.hypot(error, 3.0 * np.sqrt(1.2 * strays / 4.8))
+    assert 3.3 * error <= half < 3.3 * np.hypot(error, 2.0 * np.sqrt(1.2 * strays / 4.8))
     # Nobody knows whether this strip was at rest: what moves is the strip or the sensor.
     both = drift_of(record)
     assert drift_of(replace(record, start="free")) == both
@@ -69,7 +69,7 @@ def test_a_walk_at_0_v_is_no_slope_and_no_zero_over_the_record() -> None:
         walk -= walk[0]  # whose zero is 0, and which goes nowhere
         of = np.polyfit(time, walk, 1)
         for what, value in (("offset", walk.mean()), ("drift", of[0])):
-            least, most = AtRest(float(value), 0.0).about(what, time, walk)
+            least, most = AtRest(float(value), 0.0).about(what, time, walk, 0.0, 0.0)
             held[what] += least <= 0.0 <= most
     assert min(held.values()) >= 190
 

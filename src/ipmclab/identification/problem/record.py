@@ -16,8 +16,7 @@ import numpy.typing as npt
 
 from ipmclab.fit.observation import Start
 from ipmclab.identification.problem.shown_at_rest import BEFORE_STEP, AtRest
-from ipmclab.model.numerics.drive import Drive
-from ipmclab.model.numerics.poles_loop import shifted_levels
+from ipmclab.model.numerics.drive import Drive, shifted
 from ipmclab.model.numerics.timeline import timeline
 from ipmclab.model.simulate import series_shunt
 from ipmclab.quality import censored, usable
@@ -41,6 +40,7 @@ _EDGE: Final = 0.05  # of the largest voltage
 _SHOWS_ZERO: Final = 20
 """Rows at 0 V before the first step from which the check of a record tells whether the current reads zero there."""
 
+_EXACT: Final = 1e-9  # of the range of the readings
 _SCATTERING: Final = 8  # readings, from which their scatter from one to the next says how noisy they are
 
 ASSUMED_REST: Final = "rest, which the readings do not contradict"
@@ -144,8 +144,16 @@ class PreparedRun:
             return rest.at_most if what == "drift" else (-math.inf, math.inf)
         if rest is None or (what == "offset") != (output == "current"):
             return -math.inf, math.inf
-        rows = np.flatnonzero(self.readings[output].exact[: self.resting])
-        return rest.about(what, self.run.time[rows], self.readings[output].values[rows])
+        reading, voltage = self.readings[output], np.abs(self.run.voltage)
+        rows = np.flatnonzero(reading.exact[: max(self.resting - LONGEST_DELAY, 0)])
+        if len(rows) < _SHOWS_ZERO:
+            return -math.inf, math.inf
+        largest = float(np.ptp(reading.measured))
+        driven = largest * float(voltage[rows].max()) / float(voltage.max())
+        least, most = rest.about(what, self.run.time[rows], reading.values[rows], reading.quantum, driven)
+        duration = 1.0 if what == "offset" else float(self.run.time[-1] - self.run.time[0])
+        # What is known to rounding needs no holding.
+        return (least, most) if (most - least) * duration > _EXACT * largest else (-math.inf, math.inf)
 
     @property
     def period(self) -> float:
@@ -183,8 +191,8 @@ class PreparedRun:
 
     @property
     def could_show_motion(self) -> bool:
-        """Whether its readings could tell a strip that was not at rest: by its current, or by beginning in mid-run."""
-        return "current" in self.readings or self.resting - LONGEST_DELAY < _SHOWS_ZERO
+        """Whether the record could tell a strip that was not at rest: by a current, or by few rows at 0 V."""
+        return self.run.current is not None or self.resting - LONGEST_DELAY < _SHOWS_ZERO
 
     @property
     def zero_is_unseen(self) -> bool:
@@ -338,28 +346,11 @@ def drive(record: PreparedRun, delay: float = 0.0) -> Drive:
         if run.hold == "first":
             return Drive(step, kind, voltage[:-1], voltage[1:], voltage)
     if run.is_uniform and run.hold == "unknown":
-        return _shifted(voltage, 1.0 / run.rate, delay, from_rest=record.start != "free")
+        return shifted(voltage, 1.0 / run.rate, delay, from_rest=record.start != "free")
     line = timeline(run.time, voltage, model_hold(record), delay=delay, from_rest=record.start != "free")
     return Drive(
         line.durations, line.interval, line.start, line.end, line.reading, np.flatnonzero(line.row >= 0).astype(np.intp)
     )
-
-
-def _shifted(voltage: FloatArray, step: float, delay: float, *, from_rest: bool) -> Drive:
-    """The same as the model's time line gives for a delay at regular rows, in a hundredth of its time."""
-    rows = delay / step
-    whole = math.floor(rows + 1e-9)
-    part = rows - whole
-    # The input begins with the first edge where that comes before the record; a given state begins at row 0.
-    first = min(whole, 0) if from_rest else 0
-    between = part >= 1e-9
-    levels = np.concatenate([[0.0 if from_rest else voltage[0]], voltage])
-    steps = (len(voltage) - 1 - first) * (2 if between else 1)
-    kind, level, knots = np.empty(steps, np.int64), np.empty(steps), np.empty(len(voltage), np.intp)
-    shifted_levels(levels, whole, first, between, kind, level, knots)
-    read = np.clip(np.arange(len(voltage)) - whole + (0 if between else 1), 0, len(voltage))
-    durations = np.array([part * step, (1.0 - part) * step] if between else [step])
-    return Drive(durations, kind, level, level, levels[read], knots)
 
 
 def model_hold(record: PreparedRun) -> Hold:

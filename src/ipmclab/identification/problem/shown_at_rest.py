@@ -16,6 +16,7 @@ BEFORE_STEP: Final = {"offset-before-step": "offset", "drift-before-step": "drif
 """Findings of a record that call for an unknown of its observation."""
 
 _SURELY: Final = 3.3  # standard errors, beyond which a value is rarer than 0.1 %
+_PARTS: Final = 6  # of the rows at 0 V, over which a walk is sought: more of them take white noise for one
 
 
 class AtRest(NamedTuple):
@@ -36,12 +37,14 @@ class AtRest(NamedTuple):
         largest = abs(self.value) + _SURELY * self.error
         return -largest, largest
 
-    def about(self, what: str, time: FloatArray, values: FloatArray) -> tuple[float, float]:
+    def about(self, what: str, time: FloatArray, values: FloatArray, step: float, driven: float) -> tuple[float, float]:
         """Between which values the offset at the first row [SI], or the slope over the record [SI/s], lies.
 
-        What a constant or a line leaves of these rows may hold a walk. It begins at another value than its mean over T,
-        and keeps no slope: of q^2 a second it is an error of variance q^2 T/3 of the offset and 6 q^2/(5 T) of the
-        slope, beside the one of the check. All that rows a quarter apart differ by more than neighbours is the walk.
+        Beside the error of the check stand two more. A converter whose code hardly changes hides half a step. And what
+        a constant or a line leaves of these rows may be a walk, which begins at another value than its mean over T and
+        keeps no slope: of q^2 a second that is a variance of q^2 T/3 of the offset and 6 q^2/(5 T) of the slope. Means
+        over neighbouring parts of length t then differ by a variance of 2 q^2 t/3, less what the line has taken of it;
+        all that they differ by is taken for the walk.
 
         Parameters
         ----------
@@ -50,12 +53,17 @@ class AtRest(NamedTuple):
         time : float array, shape (n,) [s]
             Of the rows at 0 V.
         values : float array, shape (n,) [SI]
+        step : float [SI]
+            Of the converter; 0 where none shows.
+        driven : float [SI]
+            The most that the strip itself may read in these rows, at a voltage that is nearly 0.
         """
-        lag, walked = len(time) // 4, 0.0
-        if lag > 1:
-            left = values - self.value * time if what == "drift" else values
-            near, far = (float(np.mean((left[by:] - left[:-by]) ** 2)) for by in (1, lag))
-            strays, span = max(far - near, 0.0) / float(time[lag] - time[1]), float(time[-1] - time[0])
-            walked = math.sqrt(strays * (1.2 / span if what == "drift" else span / 3.0))
-        reach = _SURELY * math.hypot(self.error, walked)
+        span = float(time[-1] - time[0])
+        differs, moves, unit, left = 2.0 / 3.0, span / 3.0, 1.0, values
+        if what == "drift":
+            differs, moves, unit, left = differs - 1.2 / _PARTS, 1.2 / span, span, values - self.value * time
+        means = [float(part.mean()) for part in np.array_split(left, _PARTS)]
+        strays = float(np.mean(np.diff(means) ** 2)) / (differs * span / _PARTS)
+        walked = math.sqrt(strays * moves)
+        reach = _SURELY * math.hypot(self.error, walked, step / math.sqrt(12.0) / unit) + driven / unit
         return self.value - reach, self.value + reach

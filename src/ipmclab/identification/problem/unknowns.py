@@ -294,7 +294,7 @@ def _of_sensors(free: FreeParameters, records: Sequence[PreparedRun]) -> list[Un
                 if math.isfinite(most) and base not in free.observation:
                     # A slope and what is slow in the strip cancel each other to any size; a zero follows its misfit.
                     middle, half = 0.5 * (least + most), 0.5 * (most - least)
-                    own = replace(own, lower=least, upper=most).known(middle, half / math.sqrt(3.0))
+                    own = replace(own, scale=half, lower=least, upper=most).known(middle, half / math.sqrt(3.0))
                 found.append(own)
     return found
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.model.numerics.poles_loop import pole_response
+from ipmclab.model.numerics.poles_loop import pole_response, shifted_levels
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -43,3 +44,32 @@ def respond(drive: Drive, poles: FloatArray, state: FloatArray, slope: FloatArra
     """Write the same where it is wanted."""
     rows = _EVERY if drive.rows is None else drive.rows
     pole_response(drive.durations, drive.kind, drive.start, drive.end, poles, rows, state, slope)
+
+
+def shifted(voltage: FloatArray, step: float, delay: float, *, from_rest: bool) -> Drive:
+    """The same as a time line gives for a delay at regular rows, in a hundredth of its time.
+
+    Parameters
+    ----------
+    voltage : float array, shape (n_time,) [V]
+        Held from each row on.
+    step : float [s]
+        Between rows.
+    delay : float [s]
+        By how much its edges lie after the rows.
+    from_rest : bool
+        Whether it was 0 V before the first row, at rest.
+    """
+    rows = delay / step
+    whole = math.floor(rows + 1e-9)
+    part = rows - whole
+    # The input begins with the first edge where that comes before the record; a given state begins at row 0.
+    first = min(whole, 0) if from_rest else 0
+    between = part >= 1e-9
+    levels = np.concatenate([[0.0 if from_rest else voltage[0]], voltage])
+    steps = (len(voltage) - 1 - first) * (2 if between else 1)
+    kind, level, knots = np.empty(steps, np.int64), np.empty(steps), np.empty(len(voltage), np.intp)
+    shifted_levels(levels, whole, first, between, kind, level, knots)
+    read = np.clip(np.arange(len(voltage)) - whole + (0 if between else 1), 0, len(voltage))
+    durations = np.array([part * step, (1.0 - part) * step] if between else [step])
+    return Drive(durations, kind, level, level, levels[read], knots)
