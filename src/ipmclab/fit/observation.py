@@ -10,7 +10,7 @@ from ipmclab.fit.row_marks import RowMarks
 from ipmclab.statespace.noise_model import NoiseModel
 from ipmclab.strip_state.run_state import RunState
 
-Start = Literal["stated rest", "shown rest", "rest, which the readings do not contradict", "free"]
+Start = Literal["stated rest", "shown rest", "assumed rest", "rest, which the readings do not contradict", "free"]
 
 
 @dataclass(frozen=True)

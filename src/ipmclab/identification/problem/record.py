@@ -44,6 +44,7 @@ _EXACT: Final = 1e-9  # of the range of the readings
 _SCATTERING: Final = 8  # readings, from which their scatter from one to the next says how noisy they are
 
 ASSUMED_REST: Final = "rest, which the readings do not contradict"
+UNASKED_REST: Final = "assumed rest"  # of rows at 0 V that are no current's
 
 LEAST_NOISE: Final = 1e-30
 """Of a channel that reads zero throughout [SI]: readings are weighed by its inverse, whose square must be a number."""
@@ -140,7 +141,7 @@ class PreparedRun:
         force or a motion are held to them. Where the strip may move in them a sensor drifts by no more than is seen.
         """
         rest = self.shown.get((what, output))
-        if rest is not None and self.start in ("free", ASSUMED_REST):
+        if rest is not None and self.start in ("free", ASSUMED_REST, UNASKED_REST):
             return rest.at_most if what == "drift" else (-math.inf, math.inf)
         if rest is None or (what == "offset") != (output == "current"):
             return -math.inf, math.inf
@@ -188,11 +189,6 @@ class PreparedRun:
     def resting(self) -> int:
         """Rows at 0 V before the voltage first moves."""
         return rest_rows(self.run)
-
-    @property
-    def could_show_motion(self) -> bool:
-        """Whether the record could tell a strip that was not at rest: by a current, or by few rows at 0 V."""
-        return self.run.current is not None or self.resting - LONGEST_DELAY < _SHOWS_ZERO
 
     @property
     def zero_is_unseen(self) -> bool:
@@ -326,6 +322,8 @@ def _start(run: Run, readable: Mask | None) -> Start:
         return "stated rest" if stated else "free"
     # Up to a few rows before the edge may belong to it already: a channel can lead another.
     quiet = rest_rows(run) - LONGEST_DELAY
+    if run.current is None and quiet >= _SHOWS_ZERO:
+        return UNASKED_REST
     if quiet < LONGEST_DELAY or run.current is None or readable is None:
         return ASSUMED_REST
     current, before = run.current[readable], run.current[:quiet][readable[:quiet]]

@@ -21,10 +21,10 @@ _BLIND: Final = 1e-4  # part of a column that the free parameters do not imitate
 def not_at_rest(problem: Problem, solution: Solution) -> set[int]:
     """Places of runs whose readings contradict the start from rest that was assumed (F test).
 
-    Where rows at 0 V were recorded and no current, force and displacement do not contradict it: there a sensor wanders
-    as a strip that creeps does, and under voltage a starting state would follow what the model lacks.
+    Where rows at 0 V were recorded and no current, force and displacement are not asked (``UNASKED_REST``): there a
+    sensor wanders as a strip that creeps does, and under voltage a starting state would follow what the model lacks.
     """
-    tested = [record for record in problem.records if record.start == ASSUMED_REST and record.could_show_motion]
+    tested = [record for record in problem.records if record.start == ASSUMED_REST]
     if not tested:
         return set()
     theta, residual = solution.theta, solution.evaluation.residual
