@@ -132,7 +132,7 @@ class Brief:
 def in_lines(text: str, indent: str = "") -> str:
     """A text in lines of at most 100 columns; a number stays beside its percent sign, and the name of a file whole."""
     bound = text.replace(" %", f"{_NO_BREAK}%")
-    lines = textwrap.fill(bound, WIDTH, subsequent_indent=indent, break_on_hyphens=False, break_long_words=False)
+    lines = textwrap.fill(bound, WIDTH, subsequent_indent=indent, break_on_hyphens=False)
     return lines.replace(_NO_BREAK, " ")
 
 
