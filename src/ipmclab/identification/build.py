@@ -152,7 +152,8 @@ def build_fit(
     for one in result.unseen:
         for unknown in one.unknowns:
             fitted[order(unknown.name)] = _unseen_parameter(unknown, order, problem.base[unknown.base], parameters)
-    fitted = dict(sorted(fitted.items(), key=lambda item: _file_place(item[0], [*actuator.parameter_values])))
+    in_file = list(actuator.parameter_values)
+    fitted = dict(sorted(fitted.items(), key=lambda item: _file_place(item[0], in_file)))
     named = tuple(_rename_direction(direction, order) for direction in open_directions)
     named += tuple(
         Direction(

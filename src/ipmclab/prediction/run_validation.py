@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 from ipmclab.prediction.scores import Comparison, Score
-from ipmclab.run import Run
+from ipmclab.quality import check
+from ipmclab.run import Finding, Run
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +45,11 @@ class RunValidation:
     delay: float | None
     used_in_fit: bool
     rows_in_fit: tuple[int, int] | None = None
+
+    @cached_property
+    def record_findings(self) -> tuple[Finding, ...]:
+        """What the check says of the record, which is asked for several sentences."""
+        return check(self.run)
 
     @property
     def is_new(self) -> bool:

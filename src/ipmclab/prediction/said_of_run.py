@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from ipmclab.identification.problem.record import LONGEST_DELAY, rest_rows
-from ipmclab.quality import check
 from ipmclab.quality.beginning import REPAIR
 from ipmclab.quality.record import Record
 from ipmclab.run import Finding
@@ -34,7 +33,7 @@ def begins_under_voltage(one: RunValidation) -> bool:
     """
     if one.used_in_fit or not Record.of(one.run).begins_under_voltage:
         return False
-    return not any(finding.code == "contact-missing" for finding in check(one.run))
+    return not any(finding.code == "contact-missing" for finding in one.record_findings)
 
 
 def turned_outputs(one: RunValidation) -> tuple[str, ...]:
@@ -45,7 +44,7 @@ def turned_outputs(one: RunValidation) -> tuple[str, ...]:
     """
     if one.used_in_fit or begins_under_voltage(one):
         return ()
-    opposite = {finding.channel for finding in check(one.run) if finding.code == "response-opposite"}
+    opposite = {finding.channel for finding in one.record_findings if finding.code == "response-opposite"}
     return tuple(
         name
         for name, score in one.scores.items()
@@ -63,7 +62,7 @@ def drifting_outputs(one: RunValidation) -> dict[str, float]:
     """
     if one.used_in_fit or one.run.metadata.starts_from_rest is False:
         return {}
-    slopes = {f.channel: f.values["slope"] for f in check(one.run) if f.code == "drift-before-step"}
+    slopes = {f.channel: f.values["slope"] for f in one.record_findings if f.code == "drift-before-step"}
     found = {}
     for name, score in one.scores.items():
         slope = slopes.get(name)
@@ -80,7 +79,7 @@ def drifting_outputs(one: RunValidation) -> dict[str, float]:
 
 def current_rises(runs: Iterable[RunValidation]) -> list[str]:
     """The runs whose current rises again at constant voltage."""
-    return [one.label for one in runs if any(finding.code == "current-rises" for finding in check(one.run))]
+    return [one.label for one in runs if any(finding.code == "current-rises" for finding in one.record_findings)]
 
 
 def _is_turned(comparison: Comparison, *, shown: bool) -> bool:

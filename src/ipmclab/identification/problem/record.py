@@ -44,7 +44,7 @@ _EXACT: Final = 1e-9  # of the range of the readings
 _SCATTERING: Final = 8  # readings, from which their scatter from one to the next says how noisy they are
 
 ASSUMED_REST: Final = "rest, which the readings do not contradict"
-UNASKED_REST: Final = "assumed rest"  # of rows at 0 V that are no current's
+UNASKED_REST: Final = "assumed rest"  # of a record that begins at 0 V, where no current says more
 
 LEAST_NOISE: Final = 1e-30
 """Of a channel that reads zero throughout [SI]: readings are weighed by its inverse, whose square must be a number."""
