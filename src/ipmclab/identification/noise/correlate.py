@@ -344,8 +344,9 @@ def _beside(problem: Problem, piece: Piece, shape: Shape) -> Zero | None:
     if output != "current" or terms.walk:
         rest = slope_at_rest(record, output, shape, unit)
         known = rest.is_shown if output == "current" else math.isfinite(rest.error)
-    offset = (terms.offset or terms.walk) and piece.allowed.offset
     trend = (terms.trend or known) and piece.allowed.trend
+    # At which time a slope adds nothing is arbitrary.
+    offset = (terms.offset or terms.walk or trend) and piece.allowed.offset
     return Zero.of(record, output, Terms(offset=offset, trend=trend), shape, unit) if offset or trend else None
 
 
