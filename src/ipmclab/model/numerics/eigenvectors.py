@@ -83,7 +83,8 @@ def eigenvectors(matrix: FloatArray) -> Eigenvectors | None:
         for block in blocks[1:]:
             before = slice(0, block.start)
             driven = coupling[block, before] @ unit[before, before]
-            unit[block, before] = driven / (poles[before] - poles[block, None])
+            # What is not driven has its own eigenvectors, wherever its poles are: stages side by side may share theirs.
+            unit[block, before] = np.where(driven == 0.0, 0.0, driven / (poles[before] - poles[block, None]))
             inverse[block, before] = -unit[block, before] @ inverse[before, before]
     if not np.all(np.isfinite(unit)):
         return None  # of poles that meet there are too few eigenvectors

@@ -81,7 +81,11 @@ class Modes(NamedTuple):
         if found is None:
             return None
         poles, right, left, rounding = found
+        change = (left / scales) @ slopes.d_a @ (scales[:, None] * right)
         apart = poles[:, None] - poles
+        # Modes that no parameter mixes, as of stages side by side, may lie as close together as they like.
+        is_mixed = np.any(change != 0.0, axis=0)
+        apart[~(is_mixed | is_mixed.T)] = np.inf
         np.fill_diagonal(apart, np.inf)
         nearest = np.minimum(np.abs(apart).min(axis=0), np.abs(poles))
         if not np.all(np.linalg.cond(right) * rounding < LOST * nearest):
@@ -92,7 +96,6 @@ class Modes(NamedTuple):
         if np.any(wrong > LOST * np.where(balance != 0.0, np.abs(balance), size)):
             return None
         right, left = scales[:, None] * right, left / scales
-        change = left @ slopes.d_a @ right
         moved = np.diagonal(change, axis1=-2, axis2=-1).copy()
         mixed = change / apart
         return cls(slopes, poles, left, slopes.c @ right, slopes.d_c @ right, mixed, moved)
