@@ -78,10 +78,10 @@ def estimate(actuator: Actuator, names: FreeParameters, records: Sequence[Prepar
         given_up -= places
         under, other = noisy(problem, solution)
     stage("asking what the readings do not show", 0.7, 0.75)
-    unseen, beside = without_unseen(under), None
+    unseen, smaller, there = without_unseen(under)
+    beside = under if unseen else None
     if unseen:
-        beside = under
-        problem, solution = _without_stages(actuator, problem, solution, unseen)
+        problem, solution = _without_stages(actuator, problem, solution, unseen, smaller, there)
         under, other = noisy(problem, solution)
     at = settled_beside_unfelt(under.problem, under.solution)
     if problem.unknowns and len(null_directions(at.evaluation)):
@@ -186,15 +186,23 @@ def _usual(problem: Problem, near: Solution, ends: Sequence[Rival]) -> list[Riva
 
 
 def _without_stages(
-    actuator: Actuator, problem: Problem, solution: Solution, unseen: Sequence[Unseen]
+    actuator: Actuator,
+    problem: Problem,
+    solution: Solution,
+    unseen: Sequence[Unseen],
+    smaller: Problem,
+    there: Solution,
 ) -> tuple[Problem, Solution]:
-    """Least squares without some stages."""
+    """Least squares without some stages: from where it was with them, and from where they were found not to show."""
     gone = {unknown.name for one in unseen for unknown in one.unknowns}
     off = {name: value for one in unseen for name, value in one.off.items()}
     columns = [column for column, unknown in enumerate(problem.unknowns) if unknown.name in gone]
     fewer = without_leak(actuator, problem.without(columns, off))
-    first = beside_less(problem, fewer, solution, columns)
-    return weigh(fewer, minimum_beside(fewer, first)) if len(first.theta) else (fewer, first)
+    starts = [beside_less(problem, fewer, solution, columns), _in_full(fewer, smaller, there)]
+    if not fewer.unknowns:
+        return fewer, starts[0]
+    tried = [minimum_beside(fewer, start) for start in starts]
+    return weigh(fewer, min(tried, key=lambda one: one.evaluation.cost))
 
 
 def _in_full(problem: Problem, smaller: Problem, solution: Solution) -> Solution:

@@ -39,7 +39,7 @@ class Unseen:
     sentence: str
 
 
-def without_unseen(under: Correlated) -> tuple[Unseen, ...]:
+def without_unseen(under: Correlated) -> tuple[tuple[Unseen, ...], Problem, Solution]:
     """Take out, one after the other, the stages without which the readings are met as well.
 
     At a size of zero the shape of a stage means nothing, and its size is whatever the shape allows, so that the
@@ -48,6 +48,14 @@ def without_unseen(under: Correlated) -> tuple[Unseen, ...]:
     Parameters
     ----------
     under : Correlated
+
+    Returns
+    -------
+    unseen : tuple of Unseen
+    problem : Problem
+        Without them.
+    solution : Solution
+        Its minimum, which meets the readings as well.
     """
     problem, solution = under.problem, under.solution
     found: list[Unseen] = []
@@ -66,7 +74,7 @@ def without_unseen(under: Correlated) -> tuple[Unseen, ...]:
             elif worst is None or chance > worst[0]:
                 worst = chance, name, smaller, there
         if worst is None:
-            return tuple(found)
+            return tuple(found), problem, solution
         chance, name, smaller, there = worst
         columns, sizes = stages[name]
         off = dict.fromkeys((problem.unknowns[column].base for column in sizes), 0.0)
