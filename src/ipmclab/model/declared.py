@@ -108,6 +108,18 @@ def is_curved(name: str) -> bool:
     return kind is not None and kind.curved
 
 
+def is_proportional(name: str) -> bool:
+    """Whether outputs are linear in a parameter, whatever all others are.
+
+    Examples
+    --------
+    >>> is_proportional("relaxation.force.0.ratio"), is_proportional("relaxation.force.0.time_constant")
+    (True, False)
+    """
+    kind = kind_of(name)
+    return kind is not None and kind.ending(name) in kind.proportional
+
+
 def is_held(name: str) -> bool:
     """Whether a first look at a stage leaves a parameter at its usual value."""
     kind, declared = kind_of(name), declaration_of(name)

@@ -17,6 +17,7 @@ from ipmclab.identification.problem.place import Place
 from ipmclab.identification.problem.record import LEAST_NOISE, PreparedRun
 from ipmclab.identification.problem.response import Responder
 from ipmclab.identification.problem.unknowns import WATER, Unknown
+from ipmclab.model.declared import is_proportional
 from ipmclab.model.environment import sorption
 from ipmclab.model.sensitivity import Sensitivities, widened
 from ipmclab.progress import tick
@@ -113,12 +114,13 @@ class Problem:
     def linear(self) -> Mask:
         """Which unknowns move the residuals in proportion, whatever the others are, and have no bounds.
 
-        What sensors add does, and the start of a strip whose model is linear; not in a run with a reading that is only
-        a bound, which hangs on where the model is.
+        What sensors add does, and of a strip whose model is linear its start and what its stages declare; not in a run
+        with a reading that is only a bound, which hangs on where the model is.
         """
-        bounded = {r.place for r in self.records if any(reading.has_bounds for reading in r.readings.values())}
+        bounded = [r.place for r in self.records if any(reading.has_bounds for reading in r.readings.values())]
         kinds = [
-            one.place not in bounded and (one.is_of_sensor or (one.is_start and self.responder.is_linear))
+            not any(one.belongs_to(place) for place in bounded)
+            and (one.is_of_sensor or (self.responder.is_linear and (one.is_start or is_proportional(one.base))))
             for one in self.unknowns
         ]
         return np.asarray(np.array(kinds, dtype=bool) & ~np.isfinite(self.upper - self.lower))

@@ -12,6 +12,9 @@ from ipmclab.identification.search.tangent import STRUCTURAL, UNFELT
 
 FloatArray = npt.NDArray[np.float64]
 
+_PARALLEL: Final = 1e-11
+"""Of the largest singular value of columns of equal size: below it a direction of linear entries is rounding."""
+
 _AT_BEST: Final = 1e-3
 """Of chi-square: linear entries that could lower the cost by no more are at their best for what the others do."""
 
@@ -54,7 +57,7 @@ class Projected:
             unfelt = size <= UNFELT * np.abs(here.rows[:-1]).max()
             size[unfelt] = np.inf
             turn, singular, basis = np.linalg.svd(rows / size[:, None], full_matrices=False)
-            kept = singular > STRUCTURAL * singular.max(initial=0.0)
+            kept = singular > _PARALLEL * singular.max(initial=0.0)
             along = others @ basis[kept].T
             back = turn[:, kept] / singular[kept] / size[:, None]
             self._left = -back @ along[-1]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 
@@ -69,14 +70,14 @@ class Relaxation:
     def _of_modes(self) -> Iterator[Declaration]:
         for i in range(self.modes):
             name = f"relaxation.{self.drive}.{i}"
-            yield Declaration(f"{name}.ratio", NUMBER, f"r_{i + 1}", -1e3, 1e3, "linear", typical=0.5)
+            yield Declaration(f"{name}.ratio", NUMBER, f"r_{i + 1}", -math.inf, math.inf, "linear", typical=0.5)
             yield Declaration(f"{name}.time_constant", TIME, f"τ_{i + 1}", 1e-3, 1e6, typical=min(10.0 * 10.0**i, 1e6))
 
     def _of_pairs(self) -> Iterator[Declaration]:
         for i in range(self.pairs):
             name, slow = f"relaxation.{self.drive}_pair.{i}", min(10.0 * 10.0**i, 1e6)
-            yield Declaration(f"{name}.ratio", NUMBER, f"r_p{i + 1}", -1e3, 1e3, "linear", typical=0.5)
-            yield Declaration(f"{name}.lead", TIME, f"l_p{i + 1}", -1e9, 1e9, "linear", typical=0.5 * slow)
+            yield Declaration(f"{name}.ratio", NUMBER, f"r_p{i + 1}", -math.inf, math.inf, "linear", typical=0.5)
+            yield Declaration(f"{name}.lead", TIME, f"l_p{i + 1}", -math.inf, math.inf, "linear", typical=0.5 * slow)
             yield Declaration(f"{name}.time_constant", TIME, f"τ_p{i + 1}", 1e-3, 1e6, typical=slow)
             yield Declaration(f"{name}.damping_ratio", NUMBER, f"ζ_p{i + 1}", 1e-3, 1e4, typical=1.2)
 
@@ -141,6 +142,7 @@ def _kinds(drive: str) -> Iterator[StageKind]:
         several_minima=True,
         curved=True,
         off=("ratio",),
+        proportional=("ratio",),
         shows=f"a {drive} that relaxes back or creeps on",
         to_determine="record at a constant voltage for longer than the slow modes take, and a fast signal too",
         to_show="record for longer at a constant voltage, or with less noise",
@@ -154,6 +156,7 @@ def _kinds(drive: str) -> Iterator[StageKind]:
         prefix=f"{name}_pair.",
         example=False,
         off=("ratio", "lead"),
+        proportional=("ratio", "lead"),
         held=("damping_ratio",),
         trials=no_trials,
     )
