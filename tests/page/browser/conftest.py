@@ -148,8 +148,8 @@ SERIOUS = """async () => {
 }"""
 """In dark those of axe's rules alone that a theme can break; what all others look at is the same in both.
 
-What it would load beforehand, all rules of all styles at a quarter of its time, is for a page that plays sounds or holds
-to one orientation.
+What it would load beforehand, all rules of all styles at a quarter of its time, is for a page that plays sounds or
+holds to one orientation.
 """
 
 
