@@ -73,6 +73,27 @@ def test_what_was_fetched_while_it_was_hidden_is_fetched_anew_when_it_is_shown(a
     assert first < 1.5 * width <= last
 
 
+def test_a_live_curve_is_drawn_with_what_can_be_seen_of_it(address: str, open_page) -> None:
+    """Of 6000 rows: each point costs a browser without a graphics card, and a peak or a gap of one row is news."""
+    page = open_page(f"{address}/{BARE}")
+    page.evaluate(LIVE)
+    drawn = page.evaluate(SEEN)
+    assert drawn["curve"] < 4.5 * drawn["width"] < 6000  # two for each half of a pixel
+    assert drawn["longest"] <= 110
+    assert drawn["peak"] == pytest.approx(drawn["due"], abs=1.0)
+    assert drawn["gap"] == 0
+    assert drawn["beside"] > 0
+    assert drawn["jump"] == 1  # of two levels, as it was: from one row to the next
+
+
+def test_a_live_curve_rests_for_all_of_the_time_that_it_takes(address: str, open_page) -> None:
+    """Three parts of rest for one of work, also where the most of the work comes behind what the page itself does."""
+    page = open_page(f"{address}/{BARE}")
+    page.evaluate(LIVE)
+    took, count = page.evaluate(RESTED)
+    assert 2 <= count <= 1 + took / 400
+
+
 HIDDEN = """() => {
   window.hiddenHost = document.querySelector("#app").appendChild(document.createElement("section"));
   hiddenHost.hidden = true;
@@ -87,6 +108,90 @@ HIDDEN = """() => {
   };
   window.hiddenPlot = new LabPlot.Stack(hiddenHost, { name: "hidden", panels, source: "/nowhere" });
 }"""
+
+LIVE = """() => {
+  const host = document.querySelector("#app").appendChild(document.createElement("section"));
+  host.style.width = "1000px"; // some 900 points for each of the 60 s, which are 6000 rows
+  window.liveStack = new LabPlot.Stack(host, { name: "live", panels: [], live: true });
+  const series = [{ key: "force", label: "force", colour: 0, style: "line" }];
+  const panels = [{ key: "force", label: "force", unit: "mN", factor: 1, small: false, series }];
+  window.rows = (first, values) => {
+    const time = Float64Array.from(values, (_, k) => (first + k) / 100);
+    const told = { kind: "rows", generation: 1, channels: ["force"], panels };
+    const head = { ...told, first, count: values.length, now: time.at(-1) };
+    liveStack.taken({ head, arrays: new Map([["time", time], ["force", Float64Array.from(values)]]) });
+  };
+}"""
+"""A stack that follows a bench of which ``rows`` tells."""
+
+SEEN = """async () => {
+  const wave = Array.from({ length: 6000 }, (_, k) => (k % 2 ? -1 : 1) * (1 + (k % 7) / 10));
+  wave[2345] = 5;
+  for (let k = 3000; k < 3203; k++) wave[k] = k < 3101 ? 1.5 : -1.5;
+  for (let k = 4000; k < 4020; k++) wave[k] = NaN; // 20 ms are 3 pixels
+  const lines = [];
+  const stroke = CanvasRenderingContext2D.prototype.stroke;
+  const lineTo = Path2D.prototype.lineTo;
+  const counts = new Map();
+  const points = [];
+  Path2D.prototype.lineTo = function (...at) {
+    counts.set(this, (counts.get(this) ?? 0) + 1);
+    points.push(at);
+    lineTo.apply(this, at);
+  };
+  CanvasRenderingContext2D.prototype.stroke = function (...paths) {
+    lines.push(...paths);
+    stroke.apply(this, paths);
+  };
+  rows(0, wave);
+  while (liveStack.host.dataset.drawn !== "59.99") await new Promise(requestAnimationFrame);
+  lines.length = 0;
+  counts.clear();
+  points.length = 0;
+  const [plot] = liveStack.plots;
+  plot.redraw(true, true);
+  await new Promise(requestAnimationFrame);
+  Object.assign(CanvasRenderingContext2D.prototype, { stroke });
+  Object.assign(Path2D.prototype, { lineTo });
+  const { canvas } = plot.ctx;
+  const { data, width } = plot.ctx.getImageData(0, 0, canvas.width, canvas.height);
+  const inked = (x, y) => data[4 * (y * width + x) + 3] > 100 && data[4 * (y * width + x)] < 100;
+  const row = (value) => Math.round(plot.valToPos(value, "y", true));
+  const across = (time) => plot.valToPos(time, "x", true);
+  const columns = (begin, end) => Array.from({ length: end - begin }, (_, k) => begin + k);
+  const rowsOf = columns(row(0.9), row(-0.9));
+  const ink = (x) => rowsOf.filter((y) => inked(x, y)).length;
+  const left = Math.floor(plot.bbox.left);
+  const peaks = columns(left, left + Math.floor(plot.bbox.width)).filter((x) => inked(x, row(4)));
+  const middle = Math.round(across(40.095));
+  const curves = lines.map((path) => counts.get(path) ?? 0);
+  const from = points.findLastIndex(([x]) => x < across(31.005));
+  const jump = Math.round((100 * (points[from + 1][0] - points[from][0]) * 60) / plot.bbox.width);
+  return {
+    jump, width: plot.bbox.width, curve: curves.reduce((sum, count) => sum + count, 0), longest: Math.max(...curves),
+    peak: peaks.reduce((sum, x) => sum + x, 0) / peaks.length, due: across(23.45),
+    gap: ink(middle), beside: ink(middle - 8),
+  };
+}"""
+"""How a curve is drawn that goes up and down at each row, with a peak, a jump [rows] and a gap [px]."""
+
+RESTED = """async () => {
+  let count = 0;
+  const draw = liveStack.draw;
+  const work = () => { for (const end = performance.now() + 100; performance.now() < end;); };
+  liveStack.draw = function (...ends) {
+    count++;
+    draw.apply(this, ends);
+    queueMicrotask(work); // as a browser does that draws what it was told
+  };
+  const before = performance.now();
+  for (let first = 0; performance.now() - before < 2000; first += 2) {
+    rows(first, [first % 3, 1]);
+    await new Promise((done) => setTimeout(done, 20));
+  }
+  return [performance.now() - before, count];
+}"""
+"""How often a curve is drawn within some time [ms] whose drawing takes 100 ms."""
 
 KEYED = """(source) => {
   const host = document.querySelector("#app").appendChild(document.createElement("section"));

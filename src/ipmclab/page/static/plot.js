@@ -95,6 +95,59 @@ const LabPlot = (() => {
     return any ? Array.from(values, (value) => (value === value ? value : null)) : values;
   };
 
+  // Of each half of a pixel's width the lowest and the highest point, in their order, and every gap: nobody sees more. What stays
+  // the same is kept from its begin to its end: a jump stays upright. The halves are counted from time 0, so that they stay while a
+  // curve runs. across: pixels a unit of time.
+  function seen(time, values, [first, last], across) {
+    const kept = [];
+    let begin = first, low = first, high = first, half = null;
+    const keep = () => {
+      if (half === null) return;
+      const [one, other] = low === high ? [begin, low] : low < high ? [low, high] : [high, low];
+      kept.push(one);
+      if (other > one) kept.push(other);
+    };
+    for (let k = first; k <= last; k++) {
+      const value = values[k];
+      const now = value === null ? null : Math.floor(2 * across * time[k]);
+      if (now === null || now !== half) {
+        keep();
+        if (now === null) kept.push(k);
+        begin = low = high = k;
+        half = now;
+      } else if (value < values[low]) low = k;
+      else if (value > values[high]) high = k;
+      else if (low === high) low = high = k;
+    }
+    keep();
+    return kept;
+  }
+
+  // A curve in pieces: without a graphics card a browser takes three times as long for one path of thousands of points that go up
+  // and down. Each begins where the one before ends; round ends join them. uPlot's own thinning needs whole pixels.
+  const PIECE = 100; // points
+  function piecesOf(plot, place, first, last) {
+    const { bbox, data: [time], scales: { x, y } } = plot;
+    const values = plot.data[place];
+    const across = bbox.width / (x.max - x.min);
+    const up = bbox.height / (y.max - y.min);
+    const pieces = [];
+    const put = (k) => pieces.at(-1).lineTo(bbox.left + (time[k] - x.min) * across, bbox.top + (y.max - values[k]) * up);
+    let count = 0; // points of the last piece; 0 behind a gap
+    seen(time, values, [first, last], across).forEach((k, at, kept) => {
+      if (values[k] === null) count = 0;
+      else {
+        if (count % PIECE === 0) {
+          pieces.push(new Path2D());
+          if (count) put(kept[at - 1]);
+        }
+        put(k);
+        count++;
+      }
+    });
+    return pieces;
+  }
+
   // Of the two ends of an area: one line of the legend names both.
   const nameOf = (one) => (one.style === "low" || one.style === "high" ? `${one.label}, ${one.style}` : one.label);
 
@@ -232,6 +285,7 @@ const LabPlot = (() => {
             setCursor: [(plot) => this.moved(plot)],
             draw: [(plot) => this.pin(plot)],
             drawAxes: [(plot) => this.drawBands(plot), (plot) => this.drawName(plot, panel)],
+            drawSeries: this.options.live ? [(plot, place) => this.drawPieces(plot, place)] : [],
           },
         };
         const plot = new uPlot(options, [[], ...panel.series.map(() => [])], this.panels);
@@ -270,7 +324,7 @@ const LabPlot = (() => {
         width: points ? 0 : end ? 1 : 1.5,
         dash: DASHES[one.style] ?? [],
         pxAlign: 0, // a slow drift on whole pixels would look like steps of a converter
-        paths: points ? () => null : undefined,
+        paths: points ? () => null : this.options.live ? (...asked) => ({ pieces: piecesOf(...asked) }) : undefined,
         points: { show: points, size: 3, fill: () => colour(one) },
         spanGaps: false,
       };
@@ -351,7 +405,8 @@ const LabPlot = (() => {
     draw(begin, end) {
       const before = performance.now();
       this.plots.forEach((_, place) => this.drawPanel(place, begin, end));
-      this.rest = performance.now() + 3 * (performance.now() - before);
+      // Behind this frame: the browser itself draws what was asked only then, and that takes the most of it.
+      setTimeout(() => (this.rest = performance.now() + 3 * (performance.now() - before)));
     }
 
     drawPanel(place, begin, end) {
@@ -594,6 +649,20 @@ const LabPlot = (() => {
       ctx.textAlign = "left";
       ctx.textBaseline = "bottom";
       ctx.fillText(this.titleOf(panel), bbox.left, bbox.top - 4 * devicePixelRatio);
+      ctx.restore();
+    }
+
+    drawPieces(plot, place) {
+      const { ctx, bbox } = plot;
+      ctx.save();
+      ctx.beginPath();
+      ctx.rect(bbox.left, bbox.top, bbox.width, bbox.height);
+      ctx.clip();
+      const { stroke, width, _paths } = plot.series[place];
+      ctx.strokeStyle = stroke(plot, place);
+      ctx.lineWidth = width * devicePixelRatio;
+      ctx.lineJoin = ctx.lineCap = "round";
+      for (const piece of _paths.pieces) ctx.stroke(piece);
       ctx.restore();
     }
 
