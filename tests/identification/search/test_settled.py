@@ -47,6 +47,32 @@ def test_wherever_a_search_stopped_the_minimum_is_one() -> None:
     assert all(one.evaluations < 14 for one in found)
 
 
+class Bent:
+    """Two entries, one of which bends a large residual so much that a Gauss-Newton step goes five times too far."""
+
+    def __init__(self) -> None:
+        self.lower, self.upper = np.full(2, -9.0), np.full(2, 9.0)
+        self.linear = np.zeros(2, dtype=bool)
+
+    def evaluate(self, theta: np.ndarray) -> Evaluation:
+        one, other = theta
+        residual = np.concatenate([[one - 0.1, one + other, 5.0 + 0.5 * one**2 + 0.2 * one**3], np.full(20, 0.1)])
+        rows = np.zeros((3, len(residual)))
+        rows[0, :3], rows[1, 1] = [1.0, 1.0, one + 0.6 * one**2], 1.0
+        rows[2] = residual
+        return Evaluation(rows)
+
+
+@pytest.mark.parametrize("away", [1e-3, -1e-3, 2e-2])
+def test_where_each_gauss_newton_step_ends_farther_away_the_minimum_is_found_all_the_same(away: float) -> None:
+    """Of (x - 0.1)^2 + (5 + x^2/2 + x^3/5)^2: at the root of its slope."""
+    bent = np.polynomial.Polynomial([5.0, 0.0, 0.5, 0.2])
+    slope = np.polynomial.Polynomial([-0.1, 1.0]) + bent * bent.deriv()
+    expected = min(slope.roots(), key=abs).real
+    found = settled(Bent(), stopped(Bent(), np.array([expected + away, -expected])))
+    np.testing.assert_allclose(found.theta, [expected, -expected], atol=1e-9)
+
+
 def test_what_presses_on_its_bound_stays_there_and_the_others_settle() -> None:
     problem = Decay(lower=-0.2)  # the minimum lies at -0.36
     there = minimize(lambda entry: problem.evaluate(np.array([entry[0], -0.2])).cost, [0.8]).x[0]
