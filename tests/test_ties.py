@@ -41,3 +41,16 @@ def test_a_sparse_basis_does_not_hang_on_the_basis_it_was_made_of(count: int) ->
     # Each has a parameter that no other has, and together they span the same.
     assert all(np.count_nonzero(np.abs(first[:, k]) > 1e-9) == 1 for k in np.abs(first).max(axis=0).argsort()[-1:])
     assert np.linalg.matrix_rank(np.vstack([first, basis]), tol=1e-9) == count
+
+
+def test_directions_of_equal_rank_stand_in_the_order_of_their_parameters() -> None:
+    """Two parameters alone, and between them a third against a fifth: sizes that differ by a millionth are no order."""
+    generator = np.random.default_rng(SEED)
+    turned = []
+    for away in (0.0, 1e-5, -1e-5):
+        rows = np.zeros((3, 5))
+        rows[0, 1], rows[1, 3] = 1.0, 1.0
+        rows[2, [2, 4]] = [1.0 + away, -1.0 + away]
+        rows[:2] += 1e-3 * np.outer([1.0, -1.0], np.ones(5)) * away
+        turned.append(np.linalg.qr(generator.standard_normal((3, 3)))[0] @ np.linalg.qr(rows.T)[0].T)
+    assert [np.argmax(np.abs(sparse(basis)) > 0.5, axis=1).tolist() for basis in turned] == [[1, 2, 3]] * 3

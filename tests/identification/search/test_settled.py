@@ -10,8 +10,8 @@ from scipy.optimize import minimize
 
 from ipmclab import Run, RunMetadata, identify, load_actuator
 from ipmclab.identification.problem.evaluation import Evaluation
-from ipmclab.identification.search.descent import weigh
-from ipmclab.identification.search.settled import settled, settled_beside_unfelt
+from ipmclab.identification.search.descent import found_noise, weigh
+from ipmclab.identification.search.settled import SETTLED, settled, settled_beside_unfelt
 from ipmclab.identification.search.solve import Solution
 from ipmclab.identification.solved import solved
 from tests.identification.many import noisy
@@ -145,3 +145,20 @@ def test_a_search_that_was_left_is_only_the_start_of_the_one_under_other_weights
     np.testing.assert_allclose(found.theta, solution.theta, atol=1e-9)
     # Under the same weights nothing has been searched again.
     assert not weigh(problem, replace(solution, converged=False))[1].converged
+
+
+def test_weights_that_move_the_parameters_far_are_followed_until_they_stay() -> None:
+    """A circuit that is held at wrong values leaves of two outputs what each weighs against the other by."""
+    wrong = {"circuit.branches.0.permittivity": 0.14, "circuit.dc_resistivity": 85.6}
+    slow = {"coupling.gain": 4.26e-9, "coupling.zero": 221.0, "coupling.p1": 10.0, "coupling.p2": 30.0}
+    friend = load_actuator("friend-2")
+    run = noisy(
+        np.random.default_rng(1),
+        "step 1 V delay=1 s",
+        strip=friend.replace(**wrong, **slow),
+        outputs=("displacement", "force"),
+        rate=50.0,
+    )
+    found = solved(identify(friend, run, free="coupling,beam.modulus")).correlated
+    noise = found_noise(found.problem, found.solution)
+    assert max(abs(noise[key] / found.problem.noise[key] - 1.0) for key in noise) < SETTLED
