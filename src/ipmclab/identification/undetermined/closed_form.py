@@ -69,8 +69,7 @@ def sparse(null: FloatArray) -> FloatArray:
     """A basis of the same directions in which each has a parameter that no other has; unit vectors, one a row.
 
     Those parameters are the ones that move most along the directions, whatever basis of them is given: first the one
-    that moves most of all, then the one that moves most where those before it stand still. None of the directions comes
-    before another: they stand in the order of the first parameter that moves at least half as much as any along them.
+    that moves most of all, then the one that moves most where those before it stand still.
     """
     if not null.size:
         return null
@@ -80,10 +79,8 @@ def sparse(null: FloatArray) -> FloatArray:
         chosen.append(largest_first((left * left).sum(axis=0))[0])
         along = left[:, chosen[-1]] / max(float(np.linalg.norm(left[:, chosen[-1]])), 1e-300)
         left -= np.outer(along, along @ left)
-    rows = np.linalg.solve(basis[:, sorted(chosen)], basis)
-    parts = np.abs(rows) / np.abs(rows).max(axis=1, keepdims=True)
-    order = np.argsort(np.argmax(parts >= 0.5, axis=1), kind="stable")
-    return np.array([upright(row / np.linalg.norm(row)) for row in rows[order]])
+    rows = np.linalg.solve(basis[:, chosen], basis)
+    return np.array([upright(row / np.linalg.norm(row)) for row in rows])
 
 
 def others(
