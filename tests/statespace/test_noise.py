@@ -18,7 +18,7 @@ from ipmclab.statespace.likelihood import Others, likelihood
 from ipmclab.statespace.long_run import long_run
 from ipmclab.statespace.noise_model import NoiseModel
 from ipmclab.statespace.screen import needs_search
-from ipmclab.statespace.search import Allowed, choose_terms
+from ipmclab.statespace.search import Allowed, choose_terms, refine, settled
 from ipmclab.statespace.shape import Shape, drawn, spread_by, structure
 from ipmclab.statespace.terms import Terms, autoregression, state_space
 
@@ -278,3 +278,27 @@ def test_an_autoregression_has_at_most_one_lag_for_five_readings() -> None:
         found = choose_terms(columns, np.zeros((1, 1)), Allowed())
         assert found.terms.order <= count // 5
         assert math.isfinite(found.criterion)
+
+
+def test_wherever_a_search_of_the_noise_begins_it_ends_at_one_point() -> None:
+    """To a millionth of the error of an entry: what least squares allow a zero and a slope hangs on it."""
+    generator = np.random.default_rng([SEED, 7])
+    count, terms = 600, Terms(1, white=True, offset=True)
+    time = STEP * np.arange(count)
+    true = Shape(terms, np.array([1.4, 0.2]), 1.0)
+    residual = drawn(true, steps_between(time, STEP), generator)
+    matrix = np.column_stack([constants(time), np.sin(time), residual])
+    columns = Columns(np.ascontiguousarray(matrix), steps_between(time, STEP))
+    others = np.diag([1e-3, 1e-3])
+    starts = true.entries + generator.standard_normal((6, 2)) / math.sqrt(count)
+    ends = np.array([refine(columns, others, terms, [start]).entries for start in starts])
+    assert np.ptp(ends, axis=0).max() * math.sqrt(count) < 1e-6
+
+
+def test_an_entry_at_its_bound_and_one_that_changes_nothing_stay() -> None:
+    def height(point: Array) -> float:
+        return float((point[0] - 0.3) ** 2 + point[0] * point[1] + math.cos(point[0]) + point[1])
+
+    found = settled(height, np.array([0.5, 0.0, 0.7]), [(-2.0, 2.0), (0.0, 1.0), (-1.0, 1.0)], 1.0)
+    assert found[1:].tolist() == [0.0, 0.7]
+    assert 2.0 * (found[0] - 0.3) == pytest.approx(math.sin(found[0]), abs=1e-3)  # slopes by differences

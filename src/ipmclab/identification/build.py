@@ -41,7 +41,13 @@ from ipmclab.identification.uncertainty.interval import (
 from ipmclab.identification.uncertainty.known_covariance import Table, covariance_table
 from ipmclab.identification.uncertainty.noise_found import drift_findings, noise_findings
 from ipmclab.identification.undetermined.cures import fast_modes
-from ipmclab.identification.undetermined.diagnosis import direction_of_one, directions, names_it, relative_errors
+from ipmclab.identification.undetermined.diagnosis import (
+    direction_of_one,
+    directions,
+    in_order,
+    names_it,
+    relative_errors,
+)
 from ipmclab.identification.undetermined.known_quantities import Point, known_quantities
 from ipmclab.identification.undetermined.leaning import leaning_findings
 from ipmclab.identification.undetermined.practical import practical
@@ -154,7 +160,8 @@ def build_fit(
             fitted[order(unknown.name)] = _unseen_parameter(unknown, order, problem.base[unknown.base], parameters)
     in_file = list(actuator.parameter_values)
     fitted = dict(sorted(fitted.items(), key=lambda item: _file_place(item[0], in_file)))
-    named = tuple(_rename_direction(direction, order) for direction in open_directions)
+    renamed = [_rename_direction(direction, order) for direction in open_directions]
+    named = tuple(in_order(renamed, list(fitted)))
     named += tuple(
         Direction(
             {order(unknown.name): len(one.unknowns) ** -0.5 for unknown in one.unknowns}, order(one.sentence), math.inf

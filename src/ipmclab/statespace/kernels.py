@@ -15,6 +15,8 @@ IndexArray = npt.NDArray[np.int64]
 
 _STEADY = 1e-14  # of a gain: as far as rounding lets it settle (derived)
 
+_SETTLED = 1e-10  # of a variance: what is searched over it is then smooth far below what the readings tell
+
 _ROUNDING = ROUNDING  # of a column's square: less than that is not left of it beside other columns
 
 
@@ -229,7 +231,7 @@ def restricted(
             missed += answer * (answer * levels[i] - 2.0 * own[i])
             taken += levels[i] / total
         found = max(missed / max(freedom - taken / variance, 1.0), 1e-12)
-        if abs(found - variance) < 1e-4 * found or turn == 39:
+        if abs(found - variance) < _SETTLED * found or turn == 39:
             break
         variance = found
     return variance, misfit, logarithm

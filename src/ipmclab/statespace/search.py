@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from ipmclab.run import FloatArray
 from ipmclab.statespace.columns import CONSTANTS, Columns
@@ -27,6 +28,11 @@ _CLOSE: Final = 3.0  # penalties of one term: covariances that far above the bes
 _STEP: Final = 2e-3  # of the error of an entry
 _ENOUGH: Final = 1e-5  # part of what was gained: the deviance is then known to a hundredth
 _FLAT: Final = 0.02  # of the deviance for an error of an entry: the lowest is then not a hundredth below
+_WIDE: Final = 0.05  # of the error of an entry: wide enough for rounding, near enough for a parabola
+_LOOSE: Final = 0.01  # curvature in these units below which an entry is hardly known: 1 or 2 where it is known
+_NEAR: Final = 1.0  # of the error of an entry: a search that ends farther from the lowest point is not near it
+_SETTLED: Final = 1e-7  # of the error of an entry: a shorter step is rounding
+_MOST_STEPS: Final = 8  # each leaves a hundredth of the way
 _IMPOSSIBLE: Final = 1e9  # height of a shape under which the readings cannot be
 
 
@@ -71,7 +77,8 @@ def refine(columns: Columns, others: FloatArray, terms: Terms, starts: Iterable[
     terms : Terms
     starts : iterable of float array, shape (terms.shapes,)
     """
-    return _refine(columns, Others(others), terms, starts)
+    beside = Others(others)
+    return _to_the_end(columns, beside, _refine(columns, beside, terms, starts))
 
 
 def _refine(columns: Columns, others: Others, terms: Terms, starts: Iterable[FloatArray]) -> Found:
@@ -79,14 +86,28 @@ def _refine(columns: Columns, others: Others, terms: Terms, starts: Iterable[Flo
     first, entries = min(tried, key=lambda pair: pair[0].deviance)
     if not terms.shapes or not math.isfinite(first.deviance):
         return Found(terms, entries, first)
-    variance = first.variance
+    entries = _descend(_heights(columns, others, terms, first), entries, terms.bounds, math.sqrt(columns.count))
+    return Found(terms, entries, likelihood(columns, others, terms, entries, first.variance))
+
+
+def _to_the_end(columns: Columns, others: Others, found: Found) -> Found:
+    """The lowest point itself: where near it a search has stopped hangs on the last bits of the arithmetic."""
+    if not len(found.entries) or not math.isfinite(found.likelihood.deviance):
+        return found
+    height = _heights(columns, others, found.terms, found.likelihood)
+    entries = settled(height, found.entries, found.terms.bounds, math.sqrt(columns.count))
+    own = likelihood(columns, others, found.terms, entries, found.likelihood.variance)
+    return Found(found.terms, entries, own)
+
+
+def _heights(columns: Columns, others: Others, terms: Terms, first: Likelihood) -> Callable[[FloatArray], float]:
+    """By how much the deviance of other shapes is above that of a first one."""
 
     def above(point: FloatArray) -> float:
-        height = likelihood(columns, others, terms, point, variance).deviance - first.deviance
+        height = likelihood(columns, others, terms, point, first.variance).deviance - first.deviance
         return height if height < _IMPOSSIBLE else _IMPOSSIBLE  # differences of infinities are no numbers
 
-    entries = _descend(above, entries, terms.bounds, math.sqrt(columns.count))
-    return Found(terms, entries, likelihood(columns, others, terms, entries, variance))
+    return above
 
 
 def _descend(
@@ -104,6 +125,62 @@ def _descend(
         options=options,
     )
     return np.asarray(found.x / sharp)
+
+
+def settled(
+    height: Callable[[FloatArray], float], start: FloatArray, bounds: list[tuple[float, float]], sharp: float
+) -> FloatArray:
+    """The lowest point, from one near it, by Newton's steps on parabolas through heights around.
+
+    An entry at its bound stays there, and so does what hardly changes the height. A start that turns out not to be near
+    is the answer.
+
+    Parameters
+    ----------
+    height : function of float array
+    start : float array, shape (n,)
+    bounds : list of (float, float)
+    sharp : float
+        One over the error of an entry.
+
+    Examples
+    --------
+    >>> bowl = lambda point: float(np.sum((point - 1.0) ** 4 + (point - 1.0) ** 2))
+    >>> found = settled(bowl, np.array([1.3]), [(0, 2)], 1)
+    >>> found.round(6).tolist()
+    [1.0]
+    """
+    low, high = (np.array(side) * sharp for side in zip(*bounds, strict=True))
+    point = start * sharp
+    free = np.flatnonzero((point > low) & (point < high))
+    for _ in range(_MOST_STEPS):
+        slope, curvature = _parabola(lambda moved: height(moved / sharp), point, free)
+        values, vectors = np.linalg.eigh(curvature)
+        felt = values > _LOOSE
+        step = np.zeros(len(point))
+        step[free] = -vectors[:, felt] @ ((vectors[:, felt].T @ slope) / values[felt])
+        length = float(np.linalg.norm(step))
+        if not length < _NEAR or ((point + step < low) | (point + step > high)).any():
+            return start
+        point = point + step
+        if length < _SETTLED:
+            break
+    return np.asarray(point / sharp)
+
+
+def _parabola(
+    height: Callable[[FloatArray], float], point: FloatArray, free: npt.NDArray[np.intp]
+) -> tuple[FloatArray, FloatArray]:
+    """Slopes and curvatures by some entries, from heights around a point."""
+    middle = height(point)
+    moves = _WIDE * np.eye(len(point))[free]
+    above = np.array([height(point + move) for move in moves])
+    below = np.array([height(point - move) for move in moves])
+    curvature = np.diag((above - 2.0 * middle + below) / _WIDE**2)
+    for i, j in itertools.combinations(range(len(free)), 2):
+        both = height(point + moves[i] + moves[j]) - above[i] - above[j] + middle
+        curvature[i, j] = curvature[j, i] = both / _WIDE**2
+    return (above - below) / (2.0 * _WIDE), curvature
 
 
 def rough_noise(columns: Columns, others: FloatArray, allowed: Allowed) -> Found:
@@ -149,7 +226,7 @@ def choose_terms(columns: Columns, others: FloatArray, allowed: Allowed) -> Foun
     limit = _best(found).criterion + _CLOSE * search.penalty
     for one in [one for one in found if one.criterion < limit]:
         found += [search.refine(fewer, [one.entries]) for fewer in _fewer(one.terms)]
-    return _best(found)
+    return _to_the_end(columns, search.others, _best(found))
 
 
 class _Search:

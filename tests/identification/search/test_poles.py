@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from ipmclab import Run, load_actuator, simulate
+from ipmclab import Run, RunMetadata, load_actuator, simulate
 from ipmclab.identification.problem.record import prepare
 from ipmclab.identification.search import varpro
 from ipmclab.identification.search.starts import start_circuit
-from ipmclab.identification.search.starts.start_circuit import current_series, find_circuit
+from ipmclab.identification.search.starts.start_circuit import circuit_values, current_series, find_circuit
 from ipmclab.identification.search.varpro import SearchedRun, search_poles
+from ipmclab.model.admittance import Admittance
 from ipmclab.model.numerics.drive import Drive, responses
 from ipmclab.model.outputs import simulate_outputs
 
@@ -127,3 +129,45 @@ def test_a_response_of_many_poles_is_searched_in_little_memory() -> None:
     found = search_poles([run], 14, np.ones((1, 600)), tries=1)
     assert len(found.poles) == 14
     assert found.cost < 1.2 * 600
+
+
+def _one_step(size: float, seed: int) -> SearchedRun:
+    """The current of a strip with two branches, with noise of a size [A]."""
+    clean = simulate(load_actuator("friend-2"), "step 1 V delay=1 s", duration=20.0, rate=50.0)
+    assert clean.current is not None
+    current = clean.current + size * np.random.default_rng(seed).standard_normal(len(clean))
+    run = Run.from_arrays(
+        time=clean.time,
+        voltage=clean.voltage,
+        current=current,
+        hold="zero",
+        metadata=RunMetadata(starts_from_rest=True),
+    )
+    return current_series([prepare(run, 0, ["current"], ())], {})[0]
+
+
+@pytest.mark.parametrize(("count", "seed", "allowed"), [(2, 20261121, 5e-12), (3, 20261121, 0.05), (3, 2, 0.05)])
+def test_the_last_bits_of_the_readings_do_not_say_where_poles_are(count: int, seed: int, allowed: float) -> None:
+    """Readings are thousands of times their noise; a pole too many meets another, and where they part again is chance.
+
+    Poles nearer than 5 % count as one.
+    """
+    run = _one_step(1e-5, seed)
+    found = search_poles([run], count, run.drive.present[None]).poles
+    generator = np.random.default_rng(seed)
+    for _ in range(3):
+        shaken = replace(run, readings=run.readings * (1.0 + 1e-15 * generator.standard_normal(len(run.readings))))
+        again = search_poles([shaken], count, run.drive.present[None]).poles
+        np.testing.assert_allclose(again, found, rtol=allowed)
+
+
+def test_poles_that_met_start_a_search_as_one_in_equal_parts() -> None:
+    """What each carries against the other is rounding; what they carry together is not."""
+    starts = []
+    for apart, carried in [(1e-4, 8.2), (3e-4, -0.7)]:
+        poles = np.array([-1.4 * (1.0 + apart), -1.4 * (1.0 - apart), -0.076])
+        seen = Admittance(0.044, np.array([carried, -0.108 - carried, -1.5e-3]), poles)
+        values, physical = circuit_values(seen, load_actuator("friend-2+branches=3").parameter_values, 2.0)
+        assert not physical
+        starts.append(values)
+    assert starts[0] == pytest.approx(starts[1], rel=1e-6)

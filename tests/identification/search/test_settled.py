@@ -10,8 +10,8 @@ from scipy.optimize import minimize
 
 from ipmclab import Run, RunMetadata, identify, load_actuator
 from ipmclab.identification.problem.evaluation import Evaluation
-from ipmclab.identification.search.descent import weigh
-from ipmclab.identification.search.settled import settled, settled_beside_unfelt
+from ipmclab.identification.search.descent import found_noise, weigh
+from ipmclab.identification.search.settled import SETTLED, settled, settled_beside_unfelt
 from ipmclab.identification.search.solve import Solution
 from ipmclab.identification.solved import solved
 from tests.identification.many import noisy
@@ -45,6 +45,32 @@ def test_wherever_a_search_stopped_the_minimum_is_one() -> None:
     assert np.ptp([one.theta for one in found], axis=0).max() < 1e-10
     np.testing.assert_allclose(found[0].theta, expected, atol=1e-6)  # half of the digits of a cost
     assert all(one.evaluations < 14 for one in found)
+
+
+class Bent:
+    """Two entries, one of which bends a large residual so much that a Gauss-Newton step goes five times too far."""
+
+    def __init__(self) -> None:
+        self.lower, self.upper = np.full(2, -9.0), np.full(2, 9.0)
+        self.linear = np.zeros(2, dtype=bool)
+
+    def evaluate(self, theta: np.ndarray) -> Evaluation:
+        one, other = theta
+        residual = np.concatenate([[one - 0.1, one + other, 5.0 + 0.5 * one**2 + 0.2 * one**3], np.full(20, 0.1)])
+        rows = np.zeros((3, len(residual)))
+        rows[0, :3], rows[1, 1] = [1.0, 1.0, one + 0.6 * one**2], 1.0
+        rows[2] = residual
+        return Evaluation(rows)
+
+
+@pytest.mark.parametrize("away", [1e-3, -1e-3, 2e-2])
+def test_where_each_gauss_newton_step_ends_farther_away_the_minimum_is_found_all_the_same(away: float) -> None:
+    """Of (x - 0.1)^2 + (5 + x^2/2 + x^3/5)^2: at the root of its slope."""
+    bent = np.polynomial.Polynomial([5.0, 0.0, 0.5, 0.2])
+    slope = np.polynomial.Polynomial([-0.1, 1.0]) + bent * bent.deriv()
+    expected = min(slope.roots(), key=abs).real
+    found = settled(Bent(), stopped(Bent(), np.array([expected + away, -expected])))
+    np.testing.assert_allclose(found.theta, [expected, -expected], atol=1e-9)
 
 
 def test_what_presses_on_its_bound_stays_there_and_the_others_settle() -> None:
@@ -119,3 +145,20 @@ def test_a_search_that_was_left_is_only_the_start_of_the_one_under_other_weights
     np.testing.assert_allclose(found.theta, solution.theta, atol=1e-9)
     # Under the same weights nothing has been searched again.
     assert not weigh(problem, replace(solution, converged=False))[1].converged
+
+
+def test_weights_that_move_the_parameters_far_are_followed_until_they_stay() -> None:
+    """A circuit that is held at wrong values leaves of two outputs what each weighs against the other by."""
+    wrong = {"circuit.branches.0.permittivity": 0.14, "circuit.dc_resistivity": 85.6}
+    slow = {"coupling.gain": 4.26e-9, "coupling.zero": 221.0, "coupling.p1": 10.0, "coupling.p2": 30.0}
+    friend = load_actuator("friend-2")
+    run = noisy(
+        np.random.default_rng(1),
+        "step 1 V delay=1 s",
+        strip=friend.replace(**wrong, **slow),
+        outputs=("displacement", "force"),
+        rate=50.0,
+    )
+    found = solved(identify(friend, run, free="coupling,beam.modulus")).correlated
+    noise = found_noise(found.problem, found.solution)
+    assert max(abs(noise[key] / found.problem.noise[key] - 1.0) for key in noise) < SETTLED

@@ -40,12 +40,13 @@ def beyond_findings(fit: Fit, records: Sequence[PreparedRun]) -> list[Finding]:
         model = seen_from_sensor(fit.actuator.replace(**own) if own else fit.actuator, record.series_resistance)
         if observation.state is not None:
             model = strip_in_state(model, observation.state, rates_of(fit))
-        for finding in validity(model, _answer(model, record, entry), record.run.metadata.signal):
+        added = observation.drift.get("displacement", 0.0)
+        for finding in validity(model, _answer(model, record, entry, added), record.run.metadata.signal):
             if any(one.code == finding.code and one.message.startswith(f"{record.label}: ") for one in fit.findings):
                 continue
             moved = bool(record.readings.keys() & {"displacement", "force"})
             noted = finding.code == "resonance-aliased" or (finding.code == "near-resonance" and not moved)
-            drift = observation.drift.get("displacement") if finding.code == "large-bending" else None
+            drift = added if finding.code == "large-bending" and not entry["initial_state"] else 0.0
             found.append(
                 replace(
                     finding,
@@ -59,14 +60,16 @@ def beyond_findings(fit: Fit, records: Sequence[PreparedRun]) -> list[Finding]:
     return found
 
 
-def _answer(model: Actuator, record: PreparedRun, entry: Mapping[str, Any]) -> Run:
-    """The run as the fitted actuator predicts it, as far as the fit read it."""
+def _answer(model: Actuator, record: PreparedRun, entry: Mapping[str, Any], drift: float) -> Run:
+    """The run as the fitted actuator predicts it, as far as the fit read it, beside a drift of its sensor [SI/s]."""
     run, reading = record.run, record.readings.get("displacement")
     if reading is None:
         return Run(time=run.time, voltage=run.voltage, hold=run.hold)
     every = np.array(predict(model, record, ["displacement"], entry["delay"], entry["initial_state"]))
     blank_lost(every, ["displacement"], model.parameter_values, kept=reading.exact)
     if entry["initial_state"]:
-        # A slow start and the zero of a sensor cancel each other to any size: what is known is how far the strip moved.
+        # A slow start and the zero and the drift of a sensor cancel each other to any size: what is known is how far
+        # the readings moved.
+        every += drift * (run.time - run.time[0])
         every -= np.sum(every[0][np.isfinite(every[0])][:1])  # of none 0
     return Run(time=run.time, voltage=run.voltage, hold=run.hold, displacement=every[0])

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from ipmclab.identification.problem.evaluation import Evaluation, Solvable
 from ipmclab.identification.problem.problem import Problem
-from ipmclab.identification.search.solve import AT_BOUND, MOST_STEPS, Pinned, Solution, farthest, polish
+from ipmclab.identification.search.solve import AT_BOUND, HARDLY, MOST_STEPS, Pinned, Solution, farthest, polish
 from ipmclab.identification.search.tangent import gauss_newton, null_directions, with_others
 
 FloatArray = npt.NDArray[np.float64]
@@ -19,6 +19,9 @@ SETTLED: Final = 1e-9
 """Of a standard error: a step shorter than that is none."""
 _FAR: Final = 1.0  # standard errors: from farther away a search has not ended
 _ASIDE: Final = 1e-6  # so far inside the bound it stays
+_REMEMBERED: Final = 3  # steps, by which as many directions are corrected (convention)
+_IN_VAIN: Final = 3  # steps in a row that come no nearer
+_ALIKE: Final = 1e-8  # of the largest: steps that tell no more than those before
 
 
 def settled(problem: Solvable, solution: Solution) -> Solution:
@@ -54,23 +57,50 @@ def settled_beside_unfelt(problem: Solvable, solution: Solution) -> Solution:
 
 
 def settled_to(problem: Solvable, solution: Solution, ending: float) -> tuple[Solution, float]:
-    """The same until a step is below so many standard errors; and how long the next one would be."""
+    """The same until a step is below so many standard errors; and how long the next one would be.
+
+    Where the model is curved against large residuals, Gauss-Newton steps go too far or stop short by the same part
+    each time, and past twice the way they never end. What the steps before have missed says by which part
+    (Anderson, J. ACM 12, 1965, 547).
+    """
     theta, here, spent = solution.theta, solution.evaluation, solution.evaluations
     if not len(theta):
         return solution, 0.0
     step, length = _step_beside_bounds(problem, theta, here)
     if not length < _FAR:
         return solution, length
+    nearest, nearest_length, in_vain = solution, length, 0
+    highest = here.cost * (1.0 + HARDLY)
+    before: list[tuple[FloatArray, FloatArray]] = []
     for _ in range(MOST_STEPS):
-        if length <= ending:
+        if length <= ending or in_vain == _IN_VAIN:
             break
-        there = problem.evaluate(theta + step)
+        trial = theta + _with_missed(theta, step, here, before[-_REMEMBERED:])
+        if ((trial < problem.lower) | (trial > problem.upper)).any():
+            break
+        before.append((theta, step))
+        theta, here = trial, problem.evaluate(trial)
         spent += 1
-        following, left = _step_beside_bounds(problem, theta + step, there)
-        if not left < length:
+        step, length = _step_beside_bounds(problem, theta, here)
+        if not length < _FAR:
             break
-        theta, here, step, length = theta + step, there, following, left
-    return replace(solution, theta=theta, evaluation=here, evaluations=spent), length
+        in_vain += 1
+        if length < nearest_length and here.cost <= highest:
+            nearest, nearest_length, in_vain = replace(solution, theta=theta, evaluation=here), length, 0
+    return replace(nearest, evaluations=spent), nearest_length
+
+
+def _with_missed(
+    theta: FloatArray, step: FloatArray, here: Evaluation, before: list[tuple[FloatArray, FloatArray]]
+) -> FloatArray:
+    """A step, less what it would miss of the way if it missed as those before, in standard errors."""
+    if not before:
+        return step
+    ways = np.array([theta - other for other, _ in before])
+    changes = np.array([step - other for _, other in before])
+    errors = here.triangle[:, :-1]
+    parts = np.linalg.lstsq(errors @ changes.T, errors @ step, rcond=_ALIKE)[0]
+    return np.asarray(step - parts @ (ways + changes))
 
 
 def _step_beside_bounds(problem: Solvable, theta: FloatArray, here: Evaluation) -> tuple[FloatArray, float]:

@@ -270,16 +270,19 @@ def _descend(table: _Table, series: Sequence[SearchedRun], poles: FloatArray) ->
         # Poles that have met share a column, and a response that no reading sees is a column of zeros.
         inverse = pseudo_inverse(gram)
         linear = inverse @ right
+        # The readings are many times what is left: products with these would lose as many digits of the slope, and
+        # where poles meet, on which side they part again hangs on it.
+        linear += inverse @ (table.rows[linear_rows] @ (table.rows[0] - linear @ table.rows[linear_rows]))
+        left = table.rows[0] - linear @ table.rows[linear_rows]
         # How the model moves with the logarithm of each pole: a mix of the slope rows.
         chosen = np.zeros((span, count))
         chosen[place, pole] = linear[first:].reshape(count, width) * found[:, None]
         mixed = products[linear_rows, slope_rows] @ chosen
         moved = chosen.T @ products[slope_rows, slope_rows] @ chosen
         curvature = moved - mixed.T @ inverse @ mixed
-        gradient = chosen.T @ products[slope_rows, 0] - mixed.T @ linear
+        gradient = chosen.T @ (table.rows[slope_rows] @ left)
         sizes = np.maximum(curvature.diagonal(), _IMITATED * moved.diagonal())
         # Not y'y less what is explained: where large residues cancel, rounding would leave less than nothing.
-        left = table.rows[0] - linear @ table.rows[linear_rows]
         return float(left @ left), linear, curvature, gradient, sizes
 
     position = np.log(-poles)

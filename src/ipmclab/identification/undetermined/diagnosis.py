@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
+from itertools import takewhile
 from typing import Final
 
 import numpy as np
@@ -107,6 +108,20 @@ def directions(
         named.append(_direction(names, row, float(np.sqrt(spread[-1])), records, fast))
         left = [k for k in left if not names_it(named[-1], names[k])]
     return tuple(named)
+
+
+def in_order(named: Sequence[Direction], names: Sequence[str]) -> list[Direction]:
+    """The same, those first of which the readings say nothing by the first of their large parts among some names.
+
+    None of them comes before another, and a branch gets its number only when all are told.
+    """
+    open_ones = list(takewhile(lambda direction: math.isinf(direction.error), named))
+
+    def first(direction: Direction) -> int:
+        parts = np.array([abs(direction.coefficients.get(name, 0.0)) for name in names])
+        return int(np.argmax(parts >= 0.5 * parts.max(initial=0.0)))
+
+    return [*sorted(open_ones, key=first), *named[len(open_ones) :]]
 
 
 def names_it(direction: Direction, name: str) -> bool:

@@ -52,10 +52,12 @@ def leaning_findings(
     """
     own = [fitted[order(unknown.name)] for unknown in asked]
     finite = np.array([math.isfinite(one.standard_error) for one in own], dtype=bool)
+    # What moves a parameter that the readings leave open says nothing of it.
+    known = np.array([one.determined for one in own], dtype=bool)
     half = np.array([_half(unknown, one.interval) for unknown, one in zip(asked, own, strict=True)])
     told: list[tuple[float, Finding]] = []
     for name in (*stated, *exact):
-        moved = np.where(finite, np.abs(found.leverage[name]), 0.0)
+        moved = np.where(finite if name in stated else known, np.abs(found.leverage[name]), 0.0)
         largest = float(moved.max(initial=0.0))
         if largest < (1e-9 if name in stated else _FELT):
             continue

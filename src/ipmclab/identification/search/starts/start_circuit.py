@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Final
@@ -21,6 +22,7 @@ _DELAY_PARTS: Final = 4  # trials within each row
 _LEAST_DIRECT: Final = 1e-12  # S, where the current reads zero throughout
 _NEARLY_ALL: Final = 0.97  # largest part of the first resistance that may lie in series with the branches
 _ROWS_AFTER_EDGE: Final = 2500  # that are searched for where it lies: later ones say nothing of it
+_MET: Final = 1.05  # ratio of poles below which they are one (convention)
 _SAME_COST: Final = 4.0  # of chi-square: two standard deviations
 
 
@@ -148,6 +150,7 @@ def named_values(circuit: Elements, values: Mapping[str, float]) -> dict[str, fl
 
 def _nearest(series: float, seen: Admittance) -> Elements:
     """A physical circuit near an admittance that noise, or a wrong series resistance, made unphysical."""
+    seen = _shared(seen)
     direct = seen.direct if seen.direct > 0 else float(np.sum(np.abs(seen.residues / seen.poles)))
     direct = max(direct, _LEAST_DIRECT)
     if series * direct > _NEARLY_ALL:
@@ -163,8 +166,17 @@ def _nearest(series: float, seen: Admittance) -> Elements:
     return Elements(series, 10.0 * resistance, np.full(count, resistance), -1.0 / (seen.poles * resistance))
 
 
+def _shared(seen: Admittance) -> Admittance:
+    """The same with poles that have met as one, in equal parts: what each of them carries is rounding."""
+    order = np.argsort(seen.poles)
+    poles, residues = seen.poles[order], seen.residues[order]
+    for group in np.split(np.arange(len(poles)), 1 + np.flatnonzero(np.diff(np.log(-poles)) <= -math.log(_MET))):
+        poles[group], residues[group] = -np.exp(np.mean(np.log(-poles[group]))), np.mean(residues[group])
+    return Admittance(seen.direct, residues, poles)
+
+
 def _apart(poles: FloatArray) -> FloatArray:
-    """The same poles, fastest first, no two nearer than 5 %."""
+    """The same poles, fastest first, no two nearer than ``_MET``."""
     apart = np.sort(poles)
     for place in range(1, len(apart)):
         apart[place] = max(apart[place], apart[place - 1] / 1.05)
