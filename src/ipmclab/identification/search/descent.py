@@ -30,9 +30,7 @@ HOPE: Final = 1.05  # times the best cost: a search above that is left
 _CORRECTED: Final = 6  # times, each of which leaves of the way what means hide of their rows: a thousandth
 _AT_FLOOR: Final = 1.3  # times the noise between neighbours
 _SAME_NOISE: Final = 0.002  # relative: weights that are that near are the same (convention)
-_WEIGHED_AGAIN: Final = (
-    30  # times (a limit): each leaves a part of a difference of the weights, mostly unknowns by readings
-)
+_WEIGHED_AGAIN: Final = 30  # times (a limit): each leaves a part of a difference, mostly unknowns by readings
 
 
 def minimum(problem: Problem, theta: FloatArray, *, evaluations: int = LONGEST) -> Solution:
