@@ -112,6 +112,7 @@ const LabPlot = (() => {
       const now = value === null ? null : Math.floor(2 * across * time[k]);
       if (now === null || now !== half) {
         keep();
+        if (now !== null && now - half > 1 && k - 1 > (kept.at(-1) ?? k)) kept.push(k - 1); // before a pause: where it was
         if (now === null) kept.push(k);
         begin = low = high = k;
         half = now;
@@ -126,6 +127,7 @@ const LabPlot = (() => {
   // A curve in pieces: without a graphics card a browser takes three times as long for one path of thousands of points that go up
   // and down. Each begins where the one before ends; round ends join them. uPlot's own thinning needs whole pixels.
   const PIECE = 100; // points
+  const LONGEST_FRAME = 250; // ms that drawing may take at most
   function piecesOf(plot, place, first, last) {
     const { bbox, data: [time], scales: { x, y } } = plot;
     const values = plot.data[place];
@@ -406,7 +408,8 @@ const LabPlot = (() => {
       const before = performance.now();
       this.plots.forEach((_, place) => this.drawPanel(place, begin, end));
       // Behind this frame: the browser itself draws what was asked only then, and that takes the most of it.
-      setTimeout(() => (this.rest = performance.now() + 3 * (performance.now() - before)));
+      // What else keeps the page busy behind it for longer is no drawing.
+      setTimeout(() => (this.rest = performance.now() + 3 * Math.min(performance.now() - before, LONGEST_FRAME)));
     }
 
     drawPanel(place, begin, end) {
@@ -658,11 +661,12 @@ const LabPlot = (() => {
       ctx.beginPath();
       ctx.rect(bbox.left, bbox.top, bbox.width, bbox.height);
       ctx.clip();
-      const { stroke, width, _paths } = plot.series[place];
+      const { stroke, width, dash, _paths } = plot.series[place];
       ctx.strokeStyle = stroke(plot, place);
       ctx.lineWidth = width * devicePixelRatio;
       ctx.lineJoin = ctx.lineCap = "round";
-      for (const piece of _paths.pieces) ctx.stroke(piece);
+      ctx.setLineDash(dash ?? []);
+      for (const piece of _paths?.pieces ?? []) ctx.stroke(piece);
       ctx.restore();
     }
 
