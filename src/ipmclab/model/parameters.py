@@ -104,6 +104,13 @@ class Declaration:
                 )
             return
         unit = f" {self.quantity.unit}" if self.quantity.unit else ""
+        if math.isinf(self.upper - self.lower):
+            raise InputError(
+                f"the value {value:.15g}{unit} is no finite number",
+                code="out-of-range",
+                where=where,
+                repair=f"give {self.symbol} a finite number",
+            )
         raise InputError(
             f"the value {value:.15g}{unit} is outside the allowed {self.lower:g} to {self.upper:g}{unit}",
             code="out-of-range",
