@@ -285,6 +285,30 @@ def test_where_modes_lose_digits_they_are_not_used(friend_2: Actuator) -> None:
         assert modes_of(strip) is None
 
 
+@pytest.mark.parametrize("gap", [1e-3, 1e-6, 1e-12, 0.0])
+def test_slow_modes_side_by_side_may_meet(gap: float, friend_2: Actuator, monkeypatch: pytest.MonkeyPatch) -> None:
+    """No parameter mixes them, so that nothing is lost where their poles are the same."""
+    strip = with_stages(friend_2, "relaxation.displacement=2", "relaxation.force=1")
+    strip = strip.replace(
+        **{
+            "relaxation.displacement.0.time_constant": 3.0,
+            "relaxation.displacement.1.time_constant": 3.0 * (1.0 + gap),
+            "relaxation.force.0.time_constant": 3.0,
+        }
+    )
+    names = [*NAMES, *(name for name in strip.parameter_values if name.startswith("relaxation."))]
+
+    def found() -> tuple[np.ndarray, ...]:
+        one = sensitivities(strip, names, TIME, rough(), "zero", delay=0.3 * PERIOD)
+        return one.parameters, one.states, one.delay
+
+    assert modes_of(strip) is not None
+    by_modes = found()
+    monkeypatch.setattr(tangents_modal, "LOST", 0.0)
+    for one, other in zip(by_modes, found(), strict=True):
+        assert np.all(np.abs(one - other) <= 1e-9 * np.abs(other).max(axis=1, keepdims=True))
+
+
 def test_modes_that_take_hours_beside_a_beam_that_swings(friend_2: Actuator, monkeypatch: pytest.MonkeyPatch) -> None:
     """In the whole matrix, whose norm is that of the beam, half of the slowest pole's digits were rounding."""
     slow = friend_2.replace(**{"circuit.dc_resistivity": 1e8, "circuit.branches.1.permittivity": 1e3})

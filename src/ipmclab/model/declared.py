@@ -109,15 +109,20 @@ def is_curved(name: str) -> bool:
 
 
 def is_proportional(name: str) -> bool:
-    """Whether outputs are linear in a parameter, whatever all others are.
+    """Whether outputs are linear in a parameter, whatever all others are."""
+    return largest_proportional(name) is not None
+
+
+def largest_proportional(name: str) -> float | None:
+    """How large a parameter is at most that outputs are linear in, whatever all others are; None for any other.
 
     Examples
     --------
-    >>> is_proportional("relaxation.force.0.ratio"), is_proportional("relaxation.force.0.time_constant")
-    (True, False)
+    >>> largest_proportional("relaxation.force.0.ratio"), largest_proportional("relaxation.force.0.time_constant")
+    (1000.0, None)
     """
     kind = kind_of(name)
-    return kind is not None and kind.ending(name) in kind.proportional
+    return None if kind is None else kind.proportional.get(kind.ending(name))
 
 
 def is_held(name: str) -> bool:

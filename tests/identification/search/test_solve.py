@@ -7,6 +7,7 @@ import numpy.typing as npt
 import pytest
 
 from ipmclab.identification.problem.evaluation import Evaluation
+from ipmclab.identification.search.projected import Projected
 from ipmclab.identification.search.solve import PATIENCE, minimise
 
 Array = npt.NDArray[np.float64]
@@ -64,6 +65,16 @@ def test_a_search_along_a_valley_without_an_end_ends_where_the_readings_tell_no_
     shapes = problem.time ** np.arange(3)[:, None] * np.exp(-problem.time)
     met = np.linalg.lstsq(shapes.T, problem.readings, rcond=None)[1][0]
     assert found.evaluation.cost < met + 1.0
+
+
+@pytest.mark.parametrize("apart", [1e-2, 1e-3, 1e-4])
+def test_decays_that_nearly_meet_follow_as_well_as_apart(apart: float) -> None:
+    """Their sizes are left out of the search: what they follow is known to a square of how far they lie apart."""
+    problem = Meeting(projected=True)
+    begin = np.array([0.0, 0.0, 0.0, apart, 0.0, -apart])
+    shapes = problem.time ** np.arange(3)[:, None] * np.exp(-problem.time)
+    met = np.linalg.lstsq(shapes.T, problem.readings, rcond=None)[1][0]
+    assert Projected(problem, begin).evaluate(begin[3:]).cost < 1.01 * met
 
 
 def test_the_last_look_at_a_minimum_is_no_step() -> None:

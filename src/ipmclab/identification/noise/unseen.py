@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
+import numpy as np
+
 from ipmclab.confidence import REJECT
 from ipmclab.identification.noise.correlate import Correlated
 from ipmclab.identification.problem.problem import Problem
@@ -143,7 +145,10 @@ def _predicts_less(solution: Solution, there: Solution, count: int) -> bool:
 
 def _chance(under: Correlated, solution: Solution, there: Solution, count: int) -> float:
     """How often noise alone would lose as much when the stage is left out."""
-    times = under.inflation(there.evaluation.residual - solution.evaluation.residual)
+    change = np.zeros(len(under.solution.evaluation.residual))
+    readings = slice(under.problem.beforehand.start)  # what was known beforehand of the stage is gone with it
+    change[readings] = there.evaluation.residual[readings] - solution.evaluation.residual[readings]
+    times = under.inflation(change)
     return _lost_by_chance(solution, there, count, times)
 
 

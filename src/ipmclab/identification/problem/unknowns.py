@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from ipmclab.identification.problem.free import FreeParameters, Prior
 from ipmclab.identification.problem.record import LONGEST_DELAY, EdgeDelay, PreparedRun, ending_of, places_of_mountings
-from ipmclab.model.declared import declaration_of
+from ipmclab.model.declared import declaration_of, largest_proportional
 from ipmclab.model.environment.age import Age
 from ipmclab.model.parameters import Parameter
 from ipmclab.model.stages.coupling import ZERO
@@ -42,8 +42,10 @@ class Unknown:
     nuisance : bool
         Needed for the fit, but not asked for: starting states.
     prior : pair of float, optional
-        Centre and standard deviation of what is known of the entry beforehand; of a delay, those of the range where it
-        lies, in which every value is as likely as another.
+        Centre and standard deviation of what is known of the entry beforehand; or those of the range where it lies, in
+        which every value is as likely as another.
+    is_range : bool
+        Whether the prior is such a range. That of a delay and of a sensor always is.
     follows : mapping of name to pair of float
         By how much that centre moves with the entry of another unknown, and the standard deviation of that one.
     deviation : float, optional
@@ -59,6 +61,7 @@ class Unknown:
     upper: float
     nuisance: bool = False
     prior: tuple[float, float] | None = None
+    is_range: bool = False
     places: tuple[int, ...] | None = None
     follows: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     deviation: float | None = None
@@ -91,12 +94,16 @@ class Unknown:
 
     def known(self, value: float, uncertainty: float) -> Unknown:
         """The same with a prior: normal in the entry, and so log-normal in the value of a logarithm."""
-        return replace(self, prior=(self.entry(value), uncertainty / self.chain(value)))
+        return replace(self, prior=(self.entry(value), uncertainty / self.chain(value)), is_range=False)
+
+    def at_most(self, size: float) -> Unknown:
+        """The same, no larger than this in either direction as far as is known, and anywhere in between."""
+        return replace(self, prior=(0.0, size / self.scale / math.sqrt(3.0)), is_range=True)
 
     @property
     def beforehand(self) -> tuple[float, float] | None:
         """Value and standard uncertainty that were known beforehand [SI]; None where that was nothing, or a range."""
-        if self.prior is None or self.base == "observation.delay" or self.is_of_sensor:
+        if self.prior is None or self.is_range or self.base == "observation.delay" or self.is_of_sensor:
             return None
         value = self.value(self.prior[0])
         deviation = self.deviation
@@ -334,12 +341,20 @@ def unknowns_of(
     if free.together:
         tied = {u.name: u for u in known_together([u for u in found if u.name in free.together], free.together)}
         found = [tied.get(u.name, u) for u in found]
+    found = [_of_some_size(unknown) for unknown in found]
     found += _of_delays(records, delays or {one.place: one.at_its_rows for one in records if one.delay_is_free})
     found += _of_states(free, records)
     found += _of_sensors(free, records)
     for place, count in (states or {}).items():
         found += amplitudes(place, count)
     return tuple(found)
+
+
+def _of_some_size(unknown: Unknown) -> Unknown:
+    """The unknown, no larger than one of a strip where a search would have it of any size."""
+    largest = largest_proportional(unknown.base)
+    is_open = unknown.prior is None and largest is not None and math.isfinite(largest)
+    return unknown.at_most(largest) if is_open and largest is not None else unknown
 
 
 def amplitudes(place: int, count: int) -> list[Unknown]:

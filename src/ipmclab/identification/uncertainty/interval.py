@@ -262,7 +262,8 @@ def with_rivals(
 ) -> tuple[tuple[float, float], bool]:
     """The interval widened to other fits that are as good and as far as each reaches, and whether they agree."""
     ends = [beside_bounds(unknown, other - reach, other + reach) for other, reach in others]
-    apart = [abs(other - entry) for other, _ in others if unknown.log]
+    size = 1.0 if unknown.log else max(abs(entry), 1.0)
+    apart = [abs(other - entry) / size for other, _ in others if unknown.log or is_curved(unknown.base)]
     low, high = min([interval[0], *(low for low, _ in ends)]), max([interval[1], *(high for _, high in ends)])
     return (low, high), all(gap <= _TWO_ERRORS for gap in apart)
 

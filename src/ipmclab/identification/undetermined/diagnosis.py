@@ -19,7 +19,7 @@ from ipmclab.identification.undetermined.closed_form import others, sparse
 from ipmclab.identification.undetermined.cures import cures_of, fast_modes, measured, said_of
 from ipmclab.identification.undetermined.exchange import HARDLY, series_against_branches
 from ipmclab.model import Actuator
-from ipmclab.model.declared import is_of_circuit
+from ipmclab.model.declared import is_of_circuit, is_proportional
 from ipmclab.model.kinds import kind_of
 from ipmclab.model.stages.circuit import SERIES
 from ipmclab.model.stages.coupling import STATIC
@@ -33,12 +33,16 @@ def relative_errors(unknowns: Sequence[Unknown], values: FloatArray, found: Unce
     """Standard error of each asked unknown as a part of its value; infinite where a free direction moves it.
 
     A linear unknown (a delay, an offset, a contact resistance) can be zero: its error counts against its
-    value or its scale, whichever is larger.
+    value or its scale, whichever is larger. A ratio of a slow mode is one of d(0): where that may be of any size (its
+    slow pole at zero), a ratio of nothing with no error says nothing.
     """
     size = sizes(unknowns, values)
+    static = np.array([STATIC.get(unknown.base, 0.0) for unknown in unknowns])
+    is_any = float(static @ found.covariance @ static) > HARDLY**2 or np.any(np.abs(found.null @ static) > MOVED)
+    ratios = np.array([is_proportional(unknown.base) for unknown in unknowns], dtype=bool)
     errors = np.sqrt(np.maximum(found.covariance.diagonal(), 0.0)) / size
     moved = np.any(np.abs(found.null / size) > MOVED, axis=0) if len(found.null) else np.zeros(len(size), dtype=bool)
-    return np.where(moved, np.inf, errors)
+    return np.where(moved | (ratios & is_any), np.inf, errors)
 
 
 def sizes(unknowns: Sequence[Unknown], values: FloatArray) -> FloatArray:

@@ -129,8 +129,9 @@ class StageKind:
         Whether the likelihood is not that of a linear problem even where a parameter is moved on a linear scale.
     off : tuple of str
         Its parameters that are zero where there is none of it: the actuator then equals one without the stage.
-    proportional : tuple of str
-        Its parameters that outputs are linear in, whatever all others are: a search leaves them out.
+    proportional : mapping of str to float
+        Its parameters that outputs are linear in, whatever all others are, so that a search leaves them out; and how
+        large each is at most where it is one of a strip (infinite: any size).
     grows : mapping of str to float
         Powers with which parameters go with how much there is of it; 1 for those of ``off``.
     held : tuple of str
@@ -165,7 +166,7 @@ class StageKind:
     several_minima: bool = False
     curved: bool = False
     off: tuple[str, ...] = ()
-    proportional: tuple[str, ...] = ()
+    proportional: Mapping[str, float] = field(default_factory=dict, hash=False)
     grows: Mapping[str, float] = field(default_factory=dict, hash=False)
     held: tuple[str, ...] = ()
     shows: str = ""

@@ -5,11 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
+from typing import Final
 
 from ipmclab.model.blocks import Block, block
 from ipmclab.model.parameters import Declaration, Values
 from ipmclab.model.stages.kind import LITTLE, Excitation, Numbers, StageKind, Trial, no_trials, number_of
 from ipmclab.units import NUMBER, TIME
+
+LARGEST: Final = 1e3
+"""Ratios of a strip are of order one; those of two modes that meet grow against each other (convention)."""
 
 
 def mode_name(drive: str, number: int | str = "") -> str:
@@ -142,7 +146,7 @@ def _kinds(drive: str) -> Iterator[StageKind]:
         several_minima=True,
         curved=True,
         off=("ratio",),
-        proportional=("ratio",),
+        proportional={"ratio": LARGEST},
         shows=f"a {drive} that relaxes back or creeps on",
         to_determine="record at a constant voltage for longer than the slow modes take, and a fast signal too",
         to_show="record for longer at a constant voltage, or with less noise",
@@ -156,7 +160,7 @@ def _kinds(drive: str) -> Iterator[StageKind]:
         prefix=f"{name}_pair.",
         example=False,
         off=("ratio", "lead"),
-        proportional=("ratio", "lead"),
+        proportional={"ratio": LARGEST, "lead": math.inf},
         held=("damping_ratio",),
         trials=no_trials,
     )
