@@ -69,7 +69,8 @@ def chance(cost: float, lost: float, *, rows: int = 103, times: float = 1.0) -> 
     """Of a stage of two parameters, where three are found."""
 
     def solution(power: float, residual: float) -> Any:
-        evaluation = SimpleNamespace(residual=np.full(rows, residual), cost=power)
+        every = np.full(rows, residual)
+        evaluation = SimpleNamespace(residual=every, of_readings=every, cost=power)
         return SimpleNamespace(theta=np.zeros(3), evaluation=evaluation)
 
     under: Any = SimpleNamespace(inflation=lambda change: times * float(change[0]))

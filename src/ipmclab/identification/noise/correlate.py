@@ -244,7 +244,10 @@ class Correlated:
         return found
 
     def inflation(self, change: FloatArray) -> float:
-        """How many times as much the noise moves the readings along a change of the residuals as white noise would."""
+        """How many times as much the noise moves the readings along a change of the residuals as white noise would.
+
+        Of those of the readings alone too.
+        """
         power = float(change @ change)
         if power <= 0.0 or not self.shapes or self.is_weighted:
             return 1.0

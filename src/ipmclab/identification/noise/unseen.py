@@ -6,8 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-import numpy as np
-
 from ipmclab.confidence import REJECT
 from ipmclab.identification.noise.correlate import Correlated
 from ipmclab.identification.problem.problem import Problem
@@ -145,10 +143,8 @@ def _predicts_less(solution: Solution, there: Solution, count: int) -> bool:
 
 def _chance(under: Correlated, solution: Solution, there: Solution, count: int) -> float:
     """How often noise alone would lose as much when the stage is left out."""
-    change = np.zeros(len(under.solution.evaluation.residual))
-    readings = slice(under.problem.beforehand.start)  # what was known beforehand of the stage is gone with it
-    change[readings] = there.evaluation.residual[readings] - solution.evaluation.residual[readings]
-    times = under.inflation(change)
+    # What was known beforehand of the stage is gone with it.
+    times = under.inflation(there.evaluation.of_readings - solution.evaluation.of_readings)
     return _lost_by_chance(solution, there, count, times)
 
 

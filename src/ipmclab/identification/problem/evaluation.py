@@ -36,6 +36,11 @@ class Evaluation:
         return np.asarray(self.rows[-1])
 
     @property
+    def of_readings(self) -> FloatArray:
+        """Those of them that are no knowledge from beforehand, shape (n_residual - beforehand,)."""
+        return self.residual[: len(self.residual) - self.beforehand]
+
+    @property
     def jacobian(self) -> FloatArray:
         """Their derivatives, shape (n_residual, n_unknown)."""
         return self.rows[:-1].T
