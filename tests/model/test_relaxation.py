@@ -143,3 +143,10 @@ def test_what_would_be_unstable_is_refused_by_name(parameter: str, value: float)
         strip.replace(**{parameter: value})
     assert caught.value.where == parameter
     assert "0.001" in f"{caught.value} {caught.value.repair}"
+
+
+@pytest.mark.parametrize("value", [math.inf, -math.inf, math.nan])
+def test_a_ratio_that_is_no_number_is_refused(value: float) -> None:
+    strip = load_actuator("friend-2+relaxation.displacement=1")
+    with pytest.raises(InputError, match="is no finite number"):
+        strip.replace(**{"relaxation.displacement.0.ratio": value})

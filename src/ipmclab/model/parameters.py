@@ -104,7 +104,7 @@ class Declaration:
                 )
             return
         unit = f" {self.quantity.unit}" if self.quantity.unit else ""
-        if math.isinf(self.upper - self.lower):
+        if not math.isfinite(value) and math.isinf(self.upper):
             raise InputError(
                 f"the value {value:.15g}{unit} is no finite number",
                 code="out-of-range",
