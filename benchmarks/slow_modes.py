@@ -62,8 +62,10 @@ def main() -> None:
         "| record, after the step | one mode | two | three | three exponentials and a trend | three modes over these "
         "| times |\n|---|---|---|---|---|---|---|\n"
     )
-    found = f"missed: {'; '.join(missed)}" if missed else "No mode more leaves more than a mode less (1 %), and three "
-    found += "" if missed else "modes leave less than the exponentials everywhere."
+    held = (
+        "No mode more leaves more than a mode less (1 %), and three modes leave less than the exponentials everywhere."
+    )
+    found = f"missed: {'; '.join(missed)}" if missed else held
     body = head + "\n".join(rows) + f"\n\n{found}"
     finish("slow_modes", "Slow modes of real displacements", body, [], record=options.record, gate=options.gate)
     if options.gate and missed:

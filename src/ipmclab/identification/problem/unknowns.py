@@ -45,7 +45,7 @@ class Unknown:
         Centre and standard deviation of what is known of the entry beforehand; or those of the range where it lies, in
         which every value is as likely as another.
     is_range : bool
-        Whether the prior is such a range. That of a delay and of a sensor always is.
+        Whether the prior is such a range.
     follows : mapping of name to pair of float
         By how much that centre moves with the entry of another unknown, and the standard deviation of that one.
     deviation : float, optional
@@ -96,14 +96,18 @@ class Unknown:
         """The same with a prior: normal in the entry, and so log-normal in the value of a logarithm."""
         return replace(self, prior=(self.entry(value), uncertainty / self.chain(value)), is_range=False)
 
-    def at_most(self, size: float) -> Unknown:
-        """The same, no larger than this in either direction as far as is known, and anywhere in between."""
-        return replace(self, prior=(0.0, size / self.scale / math.sqrt(3.0)), is_range=True)
+    def within(self, middle: float, half: float) -> Unknown:
+        """The same with a range [SI] for a prior: a rectangular distribution."""
+        return replace(self.known(middle, half / math.sqrt(3.0)), is_range=True)
+
+    def size(self, value: float) -> float:
+        """Against what the error of its entry counts: a logarithm by itself, else its value or its scale."""
+        return 1.0 if self.log else max(abs(value) / self.scale, 1.0)
 
     @property
     def beforehand(self) -> tuple[float, float] | None:
         """Value and standard uncertainty that were known beforehand [SI]; None where that was nothing, or a range."""
-        if self.prior is None or self.is_range or self.base == "observation.delay" or self.is_of_sensor:
+        if self.prior is None or self.is_range:
             return None
         value = self.value(self.prior[0])
         deviation = self.deviation
@@ -272,6 +276,7 @@ def _of_delays(records: Sequence[PreparedRun], delays: Mapping[int, EdgeDelay]) 
                 # Steps show how their edges lie to each other, and so the rows of all of them confine one
                 # common shift: that their limits agree is no reason to believe in the middle between them.
                 prior=(known.value / record.period, known.error * math.sqrt(len(foreign)) / record.period),
+                is_range=True,
             )
         )
     return found
@@ -301,7 +306,7 @@ def _of_sensors(free: FreeParameters, records: Sequence[PreparedRun]) -> list[Un
                 if math.isfinite(most) and base not in free.observation:
                     # A slope and what is slow in the strip cancel each other to any size; a zero follows its misfit.
                     middle, half = 0.5 * (least + most), 0.5 * (most - least)
-                    own = replace(own, scale=half, lower=least, upper=most).known(middle, half / math.sqrt(3.0))
+                    own = replace(own, scale=half, lower=least, upper=most).within(middle, half)
                 found.append(own)
     return found
 
@@ -353,8 +358,9 @@ def unknowns_of(
 def _of_some_size(unknown: Unknown) -> Unknown:
     """The unknown, no larger than one of a strip where a search would have it of any size."""
     largest = largest_proportional(unknown.base)
-    is_open = unknown.prior is None and largest is not None and math.isfinite(largest)
-    return unknown.at_most(largest) if is_open and largest is not None else unknown
+    if unknown.prior is not None or largest is None or math.isinf(largest):
+        return unknown
+    return unknown.within(0.0, largest)
 
 
 def amplitudes(place: int, count: int) -> list[Unknown]:

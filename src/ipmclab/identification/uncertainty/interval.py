@@ -117,7 +117,7 @@ def interval_of(
     curved = math.sqrt(variance) > (_CURVED if unknown.log else _BENT * abs(entry))
     if not followed or not curved or not (unknown.log or is_curved(unknown.base)):
         return Interval(*beside_bounds(unknown, entry - reach, entry + reach))
-    if not unknown.log and math.sqrt(variance) > DETERMINED * max(abs(entry), 1.0):
+    if not unknown.log and math.sqrt(variance) > DETERMINED * unknown.size(unknown.value(entry)):
         return Interval(*beside_bounds(unknown, -math.inf, math.inf))
     plain = float(found.plain[number, number])
     # How the squares rise on either side of the value shows in means of the rows as well.
@@ -262,7 +262,7 @@ def with_rivals(
 ) -> tuple[tuple[float, float], bool]:
     """The interval widened to other fits that are as good and as far as each reaches, and whether they agree."""
     ends = [beside_bounds(unknown, other - reach, other + reach) for other, reach in others]
-    size = 1.0 if unknown.log else max(abs(entry), 1.0)
+    size = unknown.size(unknown.value(entry))
     apart = [abs(other - entry) / size for other, _ in others if unknown.log or is_curved(unknown.base)]
     low, high = min([interval[0], *(low for low, _ in ends)]), max([interval[1], *(high for _, high in ends)])
     return (low, high), all(gap <= _TWO_ERRORS for gap in apart)

@@ -46,8 +46,8 @@ def relative_errors(unknowns: Sequence[Unknown], values: FloatArray, found: Unce
 
 
 def sizes(unknowns: Sequence[Unknown], values: FloatArray) -> FloatArray:
-    """Against what the error of each entry counts: a logarithm by itself, else its value or its scale."""
-    return np.array([1.0 if u.log else max(abs(v) / u.scale, 1.0) for u, v in zip(unknowns, values, strict=True)])
+    """Against what the error of each entry counts."""
+    return np.array([unknown.size(float(value)) for unknown, value in zip(unknowns, values, strict=True)])
 
 
 def directions(

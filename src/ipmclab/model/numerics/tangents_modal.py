@@ -81,7 +81,8 @@ class Modes(NamedTuple):
         if found is None:
             return None
         poles, right, left, rounding = found
-        change = (left / scales) @ slopes.d_a @ (scales[:, None] * right)
+        own, seen = scales[:, None] * right, left / scales  # those of the matrix itself
+        change = seen @ slopes.d_a @ own
         apart = poles[:, None] - poles
         # Modes that no parameter mixes, as of stages side by side, may lie as close together as they like.
         is_mixed = np.any(change != 0.0, axis=0)
@@ -95,10 +96,9 @@ class Modes(NamedTuple):
         wrong = np.abs((right * poles) @ left - balance)
         if np.any(wrong > LOST * np.where(balance != 0.0, np.abs(balance), size)):
             return None
-        right, left = scales[:, None] * right, left / scales
         moved = np.diagonal(change, axis1=-2, axis2=-1).copy()
         mixed = change / apart
-        return cls(slopes, poles, left, slopes.c @ right, slopes.d_c @ right, mixed, moved)
+        return cls(slopes, poles, seen, slopes.c @ own, slopes.d_c @ own, mixed, moved)
 
     def weights(self, driven: ComplexArray, d_driven: ComplexArray) -> ComplexArray:
         """What makes the derivatives of outputs of the poles' answers and slopes.

@@ -124,6 +124,15 @@ const LabPlot = (() => {
     return kept;
   }
 
+  // What is drawn on it next stays within the axes, until it is restored.
+  function inside({ ctx, bbox }) {
+    ctx.save();
+    ctx.beginPath();
+    ctx.rect(bbox.left, bbox.top, bbox.width, bbox.height);
+    ctx.clip();
+    return ctx;
+  }
+
   // A curve in pieces: without a graphics card a browser takes three times as long for one path of thousands of points that go up
   // and down. Each begins where the one before ends; round ends join them. uPlot's own thinning needs whole pixels.
   const PIECE = 100; // points
@@ -656,11 +665,7 @@ const LabPlot = (() => {
     }
 
     drawPieces(plot, place) {
-      const { ctx, bbox } = plot;
-      ctx.save();
-      ctx.beginPath();
-      ctx.rect(bbox.left, bbox.top, bbox.width, bbox.height);
-      ctx.clip();
+      const ctx = inside(plot);
       const { stroke, width, dash, _paths } = plot.series[place];
       ctx.strokeStyle = stroke(plot, place);
       ctx.lineWidth = width * devicePixelRatio;
@@ -671,11 +676,8 @@ const LabPlot = (() => {
     }
 
     drawBands(plot) {
-      const { ctx, bbox } = plot;
-      ctx.save();
-      ctx.beginPath();
-      ctx.rect(bbox.left, bbox.top, bbox.width, bbox.height);
-      ctx.clip();
+      const { bbox } = plot;
+      const ctx = inside(plot);
       for (const band of this.bandsOf(this.options.panels[this.plots.indexOf(plot)])) {
         const left = plot.valToPos(band.begin, "x", true);
         const width = Math.max(plot.valToPos(band.end, "x", true) - left, 2 * devicePixelRatio);

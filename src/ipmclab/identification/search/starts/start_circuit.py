@@ -179,5 +179,5 @@ def _apart(poles: FloatArray) -> FloatArray:
     """The same poles, fastest first, no two nearer than ``_MET``."""
     apart = np.sort(poles)
     for place in range(1, len(apart)):
-        apart[place] = max(apart[place], apart[place - 1] / 1.05)
+        apart[place] = max(apart[place], apart[place - 1] / _MET)
     return apart
