@@ -192,10 +192,9 @@ def _shortest(
         return even, even
     turned = even[0] > even[1]
     near, far = walks[::-1] if turned else walks
-    pairs = [(end(near, _LEFT_OUT - tail), end(far, tail)) for tail in reversed(tails)]
-    nearer, farther = min(pairs, key=sum)
-    if math.isinf(farther):
-        return even, even
+    if math.isinf(end(far, tails[-1])):
+        return even, even  # open, however much of the probability lies beyond that end
+    nearer, farther = min(((end(near, _LEFT_OUT - tail), end(far, tail)) for tail in reversed(tails)), key=sum)
     return ((farther, nearer) if turned else (nearer, farther)), even
 
 

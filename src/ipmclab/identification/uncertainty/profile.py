@@ -98,6 +98,7 @@ class Walk:
         self._middle = float(solution.theta[place])
         self._slopes = {self._middle: 1.0 / self._error}
         self._ends_at, self._lost = math.inf, 0
+        self._tried: dict[float, Point | None] = {}
         self.points = [Point(self._middle, 0.0, solution.theta, solution.evaluation)]
 
     def distance(self, height: float) -> float:
@@ -110,17 +111,22 @@ class Walk:
             if found is not None:
                 return found
             trial = self._next(near, far, height)
-            point = None
-            if trial is not None:
-                entry = self._middle + self._side * trial
-                point = held_at(self._problem, self._solution, self._place, entry, near, height * height)
-            self._lost += point is not None and not point.is_found
+            point = None if trial is None else self._point(trial, near, height)
             if point is None or self._lost > _LOST or (point.height < height and not point.is_found):
                 self._ends_at = near.height  # nothing is known beyond: open above what was reached
                 return math.inf
             self.points.append(point)
             self.points.sort(key=self._away)
         return math.inf
+
+    def _point(self, trial: float, near: Point, height: float) -> Point | None:
+        """The point at a distance, from one near it; a search that found nothing there is not made again."""
+        if trial not in self._tried:
+            entry = self._middle + self._side * trial
+            point = held_at(self._problem, self._solution, self._place, entry, near, height * height)
+            self._tried[trial] = point
+            self._lost += point is not None and not point.is_found
+        return self._tried[trial]
 
     def crossed(self, height: float) -> float:
         """The same from what was walked already, to a few hundredths; infinite where that ended below."""
