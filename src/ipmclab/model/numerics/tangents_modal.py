@@ -89,12 +89,8 @@ class Modes(NamedTuple):
         apart[~(is_mixed | is_mixed.T)] = np.inf
         np.fill_diagonal(apart, np.inf)
         nearest = np.minimum(np.abs(apart).min(axis=0), np.abs(poles))
-        if not np.all(np.linalg.cond(right) * rounding < LOST * nearest):
-            return None
-        # These must be the modes of this very matrix, entry by entry: a small one may be all that drives a force.
-        size = np.minimum(np.linalg.norm(balance, axis=1)[:, None], np.linalg.norm(balance, axis=0))
-        wrong = np.abs((right * poles) @ left - balance)
-        if np.any(wrong > LOST * np.where(balance != 0.0, np.abs(balance), size)):
+        condition = np.linalg.norm(right) * np.linalg.norm(left)
+        if not np.all(condition * rounding < LOST * nearest):
             return None
         moved = np.diagonal(change, axis1=-2, axis2=-1).copy()
         mixed = change / apart
@@ -122,8 +118,8 @@ class Modes(NamedTuple):
 
 def modal_tangents(
     modes: Modes, line: Timeline, state: FloatArray, *, by_states: bool
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Derivatives of the outputs over a time line, as sums of what the poles answer.
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """The outputs over a time line and their derivatives, as sums of what the poles answer.
 
     Parameters
     ----------
@@ -136,6 +132,7 @@ def modal_tangents(
 
     Returns
     -------
+    values : float array, shape (n_outputs, n_time)
     courses : float array, shape (n_courses, n_time)
         The voltage as it is read, what the poles answer, and the slopes of that.
     by_parameters : float array, shape (n_outputs, n_parameters, n_first)
@@ -157,7 +154,13 @@ def modal_tangents(
         weights = modes.weights(modes.left @ drive, d_drive @ modes.left.T)
         return of_kept(weights[..., np.concatenate([kept, n + kept])] * times)
 
+    def answered(drive: FloatArray, answers: ComplexArray) -> FloatArray:
+        """The outputs, of what the poles answer to a drive."""
+        own = modes.read[:, kept] * (modes.left[kept] @ drive) * times[: len(kept)]
+        return np.asarray((own @ answers[: len(kept)]).real)
+
     voltage = _answers(modes.poles[kept], line, 0.0)
+    values = given.d[:, None] * line.reading + answered(given.b, voltage)
     courses = [line.reading[None], voltage.real, voltage.imag[is_pair]]
     by_parameters = [given.d_d.T[:, :, None], *by_drive(given.b, given.d_b)]
     by_initial = [np.zeros((outputs, n, 0))]
@@ -166,13 +169,14 @@ def modal_tangents(
         free = _answers(modes.poles[kept], line, 1.0)
         courses += [free.real, free.imag[is_pair]]
     if moves:  # at rest it stays out of the sum: with more terms, though they are 0, that rounds otherwise
+        values += answered(state, free)
         by_parameters += by_drive(state, np.zeros((len(given.d_b), n)))
     if by_states:
         sees = np.zeros((outputs, n, 2 * len(kept)), dtype=np.complex128)
         seen = modes.read[:, kept, None] * modes.left[kept] * times[: len(kept), None]
         sees[..., : len(kept)] = seen.transpose(0, 2, 1)
         by_initial = [np.zeros((outputs, n, sum(len(one) for one in courses[:3]))), *of_kept(sees)]
-    return np.concatenate(courses), np.concatenate(by_parameters, axis=2), np.concatenate(by_initial, axis=2)
+    return values, np.concatenate(courses), np.concatenate(by_parameters, axis=2), np.concatenate(by_initial, axis=2)
 
 
 def _answers(poles: ComplexArray, line: Timeline, first: float) -> ComplexArray:
