@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import islice
 from typing import Final
 
 import numpy as np
@@ -130,7 +131,7 @@ def afresh(
             for record in problem.records
         ]
         tried = []
-        for point in starting_points(richer, wider, records)[:_STARTS]:
+        for point in islice(starting_points(richer, wider, records), _STARTS):
             own = problem_at(richer, parameters, wider, records, point, problem.noise)
             tried.append(Extended(direction, own, _briefly(own, entries_at(own, point), SHORTLY)))
             if known is not None and abs(tried[-1].cost - known.cost) < _SAME * known.cost:

@@ -197,7 +197,7 @@ def _circuit_first(
     observed = tuple(name for name in names.observation if name in own)
     fewer = replace(names.of(own_electrical), observation=observed, priors={}, together={}, age=())
     noise = {(record.place, "current"): max(record.readings["current"].noise, 1e-300) for record in with_current}
-    points = starting_points(actuator, fewer, with_current)
+    points = list(starting_points(actuator, fewer, with_current))
     tried = []
     for point in points:
         problem = problem_at(actuator, parameters, fewer, with_current, point, noise)

@@ -18,13 +18,16 @@ _PARALLEL: Final = 1e-11
 _AT_BEST: Final = 1e-3
 """Of chi-square: linear entries that could lower the cost by no more are at their best for what the others do."""
 
+_NEARLY: Final = 0.03
+"""Of a linear entry: the derivatives that grow with it are within as much of those at its best, which serves a step."""
+
 
 class Projected:
     """A problem without the entries that enter linearly.
 
     The residual is exact wherever these stand, for what they can follow is taken out of it. The derivatives of the
     others hang on where they stand: Kaufman's part of the exact ones, with the linear entries followed from the last
-    point and, where that leaves them away from their best, the model asked once more.
+    point and, where that leaves them away from their best by more than a step notices, the model asked once more.
 
     Parameters
     ----------
@@ -39,6 +42,7 @@ class Projected:
         self._last = theta.copy()
         self._follow: FloatArray = np.zeros((int(self._linear.sum()), len(self.lower)))
         self._left: FloatArray = np.zeros(len(self._follow))
+        self._rows: FloatArray | None = None
         self.evaluations = 0
 
     def evaluate(self, theta: FloatArray) -> Evaluation:
@@ -62,6 +66,11 @@ class Projected:
             back = turn[:, kept] / singular[kept] / size[:, None]
             self._left = -back @ along[-1]
             if not attempt or along[-1] @ along[-1] <= _AT_BEST * here.cost / len(here.residual):
+                break
+            # What adds the same wherever all others are is in none of their derivatives.
+            changes = np.ones(len(rows), dtype=bool) if self._rows is None else (rows != self._rows).any(axis=1)
+            self._rows = rows
+            if np.all(np.abs(self._left[changes]) <= _NEARLY * np.abs(point[linear][changes])):
                 break
             point[linear] += self._left
         self._last, self._follow = point, -back @ along[:-1].T

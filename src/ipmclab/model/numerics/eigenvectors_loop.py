@@ -19,7 +19,12 @@ _EPS = 2.0**-52
 
 @kernel
 def of_small_blocks(
-    matrix: FloatArray, ends: IndexArray, poles: ComplexArray, own: ComplexArray, left: ComplexArray, rounding: FloatArray
+    matrix: FloatArray,
+    ends: IndexArray,
+    poles: ComplexArray,
+    own: ComplexArray,
+    left: ComplexArray,
+    rounding: FloatArray,
 ) -> bool:
     """Poles, eigenvectors, their inverse and rounding of the blocks of one and of two states.
 

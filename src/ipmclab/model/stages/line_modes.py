@@ -15,6 +15,7 @@ mean resistance that is left: sum W_n = 1 + m and sum W_n R_n = R_f (1 + m)^2 + 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -218,12 +219,22 @@ def error_bound(values: Values, branches: int, count: int) -> tuple[float, float
 
 def _squares(line: complex, front: complex, mass: complex, count: int) -> Matrix:
     """k^2 of the first modes: one for each n, with k between (n - 1/2) pi and (n + 1/2) pi."""
+    kappa = _roots(complex(line).real, complex(front).real, complex(mass).real, count)
+    # One step more with the numbers as they come: it carries the derivative where they are complex.
+    value, slope = _boundary(kappa, line, front, mass)
+    squares: Matrix = kappa - value / slope
+    return squares
+
+
+@lru_cache(maxsize=16)
+def _roots(line: float, front: float, mass: float, count: int) -> Matrix:
+    """The same of real numbers, kept: a complex step of any parameter asks for them again."""
     n = np.arange(count)
     low, high = np.maximum((n - 0.5) * np.pi, 0.0) ** 2, ((n + 0.5) * np.pi) ** 2
     sign = 1.0 - 2.0 * (n % 2)
     kappa = 0.5 * (low + high)
     for _ in range(100):
-        value, slope = _boundary(kappa, complex(line).real, complex(front).real, complex(mass).real)
+        value, slope = _boundary(kappa, line, front, mass)
         low, high = np.where(sign * value < 0.0, kappa, low), np.where(sign * value < 0.0, high, kappa)
         with np.errstate(divide="ignore", invalid="ignore"):
             newton = kappa - value / slope
@@ -232,10 +243,9 @@ def _squares(line: complex, front: complex, mass: complex, count: int) -> Matrix
         kappa = following
         if done:
             break
-    # One step more with the numbers as they come: it carries the derivative where they are complex.
-    value, slope = _boundary(kappa, line, front, mass)
-    squares: Matrix = kappa - value / slope
-    return squares
+    kappa.setflags(write=False)
+    roots: Matrix = kappa
+    return roots
 
 
 def _boundary(kappa: Matrix, line: complex, front: complex, mass: complex) -> tuple[Matrix, Matrix]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -45,7 +45,7 @@ class StartingPoint:
 
 def starting_points(
     actuator: Actuator, names: FreeParameters, records: Sequence[PreparedRun], circuit: StartingPoint | None = None
-) -> list[StartingPoint]:
+) -> Iterator[StartingPoint]:
     """Starting points, the most likely first; around a circuit where that is found already."""
     free = set(names.actuator)
     delays = {record.place: record.at_its_rows for record in records if record.delay_is_free}
@@ -76,7 +76,6 @@ def starting_points(
     share = "clamp.direct_share"
     if share in free and circuit is None:
         bases = [{**base, share: part} for base in bases for part in _DIRECT_SHARES]
-    points = []
     known = {record.place: record.known_delay for record in records if record.known_delay is not None}
     shifts = {**known, **{place: delay.value for place, delay in delays.items()}}
     only_electrical = exact and _only_electrical(actuator, free, records)
@@ -85,15 +84,14 @@ def starting_points(
         for motion in _motion_starts(strip, free, records, shifts):
             moving = strip.replace(**_allowed(strip, motion))
             for further in further_starts(moving, free, records, shifts):
-                points.append(StartingPoint({**base, **motion, **further}, delays, only_electrical))
-    return points
+                yield StartingPoint({**base, **motion, **further}, delays, only_electrical)
 
 
 def known_first(
     actuator: Actuator, names: FreeParameters, records: Sequence[PreparedRun], circuit: StartingPoint | None
 ) -> list[StartingPoint]:
     """Starting points; where something is known beforehand, first those that hold it while they look for the rest."""
-    points = starting_points(actuator, names, records, circuit)
+    points = list(starting_points(actuator, names, records, circuit))
     if not names.priors:
         return points
     known = {name: prior.value for name, prior in names.priors.items()}
