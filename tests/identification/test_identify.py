@@ -437,6 +437,28 @@ def test_who_interrupts_the_search_for_missing_stages_keeps_the_fit() -> None:
     }
 
 
+def test_who_interrupts_the_intervals_keeps_the_fit() -> None:
+    """With those of the standard errors, which a record that says little bends."""
+    run = record(rate=20.0, duration=5.0)
+    profiles: list[str] = []
+
+    def interrupt(sentence: str, _: float) -> None:
+        if sentence == "errors and intervals":
+            profiles.append(sentence)
+            if len(profiles) == 1:
+                raise KeyboardInterrupt
+
+    fit = identify(FRIEND, run, progress=interrupt)
+    assert "intervals-not-followed" in {one.code for one in fit.findings}
+    whole = identify(FRIEND, run)
+    assert "intervals-not-followed" not in {one.code for one in whole.findings}
+    for name, one in whole.parameters.items():
+        assert fit.parameters[name].value == one.value
+        assert fit.parameters[name].standard_error == one.standard_error
+    bent = [name for name, one in whole.parameters.items() if fit.parameters[name].interval != one.interval]
+    assert bent
+
+
 def test_a_sensor_that_drifts_is_no_model_that_explains_nothing() -> None:
     clean = simulate(FRIEND, "step 1 V delay=5 s", duration=60.0, rate=25.0)
     assert clean.current is not None

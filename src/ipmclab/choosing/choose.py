@@ -25,7 +25,7 @@ from ipmclab.choosing.stages_shown import shown_in_one, stages_apart, stages_hel
 from ipmclab.engine import Engine, Here
 from ipmclab.errors import InputError, IpmclabError
 from ipmclab.fit.fit import Fit
-from ipmclab.identification.identify import identify
+from ipmclab.identification.identify import INTERRUPTED, identify
 from ipmclab.identification.problem.record import READ_OUTPUTS, prepare
 from ipmclab.model import Actuator
 from ipmclab.one_thread import on_one_thread
@@ -211,7 +211,7 @@ def _fit_all(given: _Given, asked: _Asked) -> Fit | str:
         fit = identify(asked.model, given.runs, free=asked.free, per_run=asked.per_run, labels=given.labels)
     except (IpmclabError, *_FAULTS) as fault:
         return _why(fault)
-    if any(finding.code == "stages-not-tried" for finding in fit.findings):
+    if not INTERRUPTED.isdisjoint(finding.code for finding in fit.findings):
         raise KeyboardInterrupt  # who interrupts a choice does not mean the last question of one of its fits
     return fit
 

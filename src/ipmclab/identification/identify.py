@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence, Set
 from dataclasses import replace
 from os import PathLike
+from typing import Final
 
 from ipmclab.consistency.of_fit import with_cross_checks
 from ipmclab.errors import InputError
@@ -206,14 +207,19 @@ def _identify(
         left_out += foreign
         result = estimate(actuator, names, records)
     diagnoses, lacking = _what_it_lacks(actuator, names, result) if diagnosed else ((), ())
-    stage("errors and intervals", 0.8, 1.0)
     told = (
         *findings_of_records(records, found, _growing_leak(actuator, result)),
         *left_out,
         *result.findings,
         *lacking,
     )
-    fit = build_fit(actuator, given, result, told, diagnoses, followed=followed)
+    try:
+        stage("errors and intervals", 0.8, 1.0)
+        fit = build_fit(actuator, given, result, told, diagnoses, followed=followed)
+    except KeyboardInterrupt:
+        if not diagnosed:  # one fit of a longer work, which is to end
+            raise
+        fit = build_fit(actuator, given, result, (*told, _NO_PROFILES), diagnoses, followed=False)
     beyond = [*beyond_findings(fit, records), *environment_findings(actuator, given, fit, result)]
     if names.priors:
         order = Order(result.problem.in_reference(result.solution.theta, result.problem.records[0].place))
@@ -223,6 +229,17 @@ def _identify(
             alone = build_fit(actuator, given, estimate(actuator, names.without_priors, records), ())
         beyond += prior_findings(actuator, priors, fit, alone)
     return with_findings(fit, beyond)
+
+
+INTERRUPTED: Final = frozenset({"stages-not-tried", "intervals-not-followed"})
+"""Codes of findings by which a fit says that it was interrupted, and kept as far as it had come."""
+
+_NO_PROFILES: Final = Finding(
+    "intervals-not-followed",
+    "warning",
+    "the fit was interrupted before its intervals were followed to their ends: they are as wide as the standard errors",
+    "let it run to its end to have intervals that are right where the readings say little",
+)
 
 
 def _of_literature(fit: Fit, priors: Mapping[str, Prior]) -> Fit:
