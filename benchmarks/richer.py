@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -153,7 +153,7 @@ CASES: dict[str, Case] = {
 }
 
 
-def run_trials(name: str, trials: int, part: int = 0) -> Tally:
+def run_trials(name: str, trials: int, part: int = 0, identify: Callable[..., ipmclab.Fit] = ipmclab.identify) -> Tally:
     """Identify from noisy records, again and again; parts of a longer run have numbers of their own."""
     case = CASES[name]
     clean = case.clean(case.strip)
@@ -163,7 +163,7 @@ def run_trials(name: str, trials: int, part: int = 0) -> Tally:
     for _ in range(trials):
         runs = [noisy(run, case.keep, generator) for run in clean]
         begin = time.process_time()
-        fit = ipmclab.identify(case.known, runs, free=case.free)
+        fit = identify(case.known, runs, free=case.free)
         spent = time.process_time() - begin
         if tally is None:
             names = tuple(one for one in fit.parameters if one in case.strip.parameter_values)

@@ -16,6 +16,7 @@ import argparse
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -70,6 +71,7 @@ class Case:
         strip = self.strip(log_parameters)
         return [respond(strip, voltage, self.rate, "zero")[self.output] for voltage in self.voltages]
 
+    @cached_property
     def jacobians(self) -> list[Array]:
         """Derivatives by the logarithms of the parameters, over the noise, by central differences."""
         columns = []
@@ -210,12 +212,14 @@ HEAD = (
 )
 
 
-def run_trials(name: str, noise: str, trials: int, part: int = 0) -> Tally:
+def run_trials(
+    name: str, noise: str, trials: int, part: int = 0, identify: Callable[..., ipmclab.Fit] = ipmclab.identify
+) -> Tally:
     """Identify from noisy records, again and again; parts of a longer run have numbers of their own."""
     case = CASES[name]
     library = ipmclab.load_actuator("friend-2")
     rest = ipmclab.RunMetadata(starts_from_rest=True)
-    jacobians, clean = case.jacobians(), case.clean(case.truth)
+    jacobians, clean = case.jacobians, case.clean(case.truth)
     tally = Tally(bounds(noise, jacobians))
     stacked = np.concatenate(jacobians)
     inverse = np.linalg.inv(stacked.T @ stacked)
@@ -234,7 +238,7 @@ def run_trials(name: str, noise: str, trials: int, part: int = 0) -> Tally:
             for voltage, response, added in zip(case.voltages, clean, noises, strict=True)
         ]
         begin = time.process_time()
-        fit = ipmclab.identify(library, runs, free=case.free)
+        fit = identify(library, runs, free=case.free)
         tally.seconds += time.process_time() - begin
         found = [fit.parameters[name] for name in case.names]
         tally.inside.append(

@@ -102,6 +102,12 @@ def test_what_is_held_to_time_is_done_by_one_worker_whatever_its_modules(tmp_pat
     assert workers["b"] == workers["d"]
 
 
+def test_the_report_names_what_was_repeated(pytestconfig: pytest.Config) -> None:
+    """A test in real time that was repeated: pytest counts it, and leaves it out of ``-ra``."""
+    (shown,) = [word for word in pytestconfig.getini("addopts") if word.startswith("-r")]
+    assert {"a", "R"} <= set(shown)
+
+
 def test_compiled_modules_are_shared_where_none_may_lie_beside_the_sources(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, pytestconfig: pytest.Config
 ) -> None:

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from benchmarks import richer, trust
+from tests.identification.brief import brief
 
 TRIALS = 40
 """Of each noise."""
@@ -40,7 +41,7 @@ RICHER = {
 @pytest.fixture(scope="module")
 def circuit() -> dict[str, trust.Tally]:
     """The trials of the circuit under each noise."""
-    return {noise: trust.run_trials("circuit", noise, TRIALS) for noise in trust.NOISES}
+    return {noise: trust.run_trials("circuit", noise, TRIALS, identify=brief) for noise in trust.NOISES}
 
 
 @pytest.mark.parametrize("noise", trust.NOISES)
@@ -67,7 +68,7 @@ def test_intervals_of_the_richer_stages() -> None:
     """Forty trials, the parameters of all stages taken together."""
     assert set(RICHER) == set(richer.CASES)
     assert sum(RICHER.values()) == 40
-    tallies = {name: richer.run_trials(name, trials) for name, trials in RICHER.items()}
+    tallies = {name: richer.run_trials(name, trials, identify=brief) for name, trials in RICHER.items()}
     determined = np.concatenate([np.ravel(tally.determined) for tally in tallies.values()])
     inside = np.concatenate([np.ravel(tally.inside) for tally in tallies.values()])
     sharp = np.concatenate([np.ravel(np.array(tally.determined)[:, tally.sharp]) for tally in tallies.values()])

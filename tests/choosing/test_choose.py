@@ -44,6 +44,13 @@ def one_branch_or_two(slow: float, seed: int) -> Choice:
     )
 
 
+@cache
+def alike() -> Choice:
+    """The choice for a step of a strip with one, under a noise that lasts: two predict it as well."""
+    run = record("friend-2+branches=1", "step 1 V delay=1 s", 3, slow=2e-4)
+    return ipmclab.choose(run, ["branches=1", "branches=2"], actuator="friend-2")
+
+
 @pytest.mark.parametrize("slow", [0.0, 3e-4], ids=["white", "correlated"])
 @pytest.mark.parametrize("seed", [0, 1])
 def test_the_model_that_made_the_data_is_picked(slow: float, seed: int) -> None:
@@ -55,8 +62,7 @@ def test_the_model_that_made_the_data_is_picked(slow: float, seed: int) -> None:
 
 
 def test_the_smaller_of_two_that_cannot_be_told_apart_is_preferred() -> None:
-    run = record("friend-2+branches=1", "step 1 V delay=1 s", 3, slow=2e-4)
-    choice = ipmclab.choose(run, ["branches=1", "branches=2"], actuator="friend-2")
+    choice = alike()
     assert choice.preferred == "branches=1"
     assert not choice.differences["branches=1", "branches=2"].is_told
     assert "These records cannot distinguish" in choice.sentences[0]
@@ -104,7 +110,7 @@ def stopped_at(*words: str) -> Callable[[str, int, int], None]:
 def test_who_interrupts_keeps_the_models_that_were_finished() -> None:
     """Two of three are compared as if the third had never been asked for, and a sentence names it."""
     run = record("friend-2", "step 1 V delay=1 s", 0)
-    asked = {"actuator": "friend-2", "free": "electrical", "blocks": 8, "folds": 2}
+    asked = {"actuator": "friend-2", "free": "circuit.dc_resistivity", "blocks": 8, "folds": 2}
     progress = stopped_at("model 3 of 3: branches=3", "part 2 of 2 held out")
     choice = ipmclab.choose(run, "branches=1,2,3", **asked, progress=progress)
     whole = ipmclab.choose(run, "branches=1,2", **asked)
@@ -309,8 +315,7 @@ def test_noise_that_cannot_be_is_passed_by_without_a_warning() -> None:
 
 def test_where_the_criteria_say_otherwise_that_is_said() -> None:
     """Of two models that predict alike the smaller is preferred; a criterion that is least for the other is named."""
-    run = record("friend-2+branches=1", "step 1 V delay=1 s", 3)
-    choice = ipmclab.choose(run, "branches=1,2", actuator="friend-2")
+    choice = alike()
     assert choice.preferred == "branches=1"
     assert not any("least for" in text for text in choice.sentences)
     turned = [

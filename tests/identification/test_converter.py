@@ -12,6 +12,7 @@ import pytest
 
 from ipmclab import Fit, Run, RunMetadata, identify, load_actuator, simulate
 from ipmclab.prediction.remarks import remarks
+from tests.identification.brief import brief
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -59,7 +60,7 @@ def fitted(instrument: Instrument, seed: int) -> Fit:
     for run in CLEAN:
         assert run.current is not None
         runs.append(replace(run, current=instrument(generator, run.current), metadata=RunMetadata(origin="measured")))
-    return identify(FRIEND, runs, free="electrical")
+    return brief(FRIEND, runs)
 
 
 @pytest.mark.parametrize("instrument", [rounded, growing, even])

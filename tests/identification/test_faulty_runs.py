@@ -14,6 +14,7 @@ from ipmclab import InputError, Run, RunMetadata, check, identify, import_run, l
 from ipmclab.identification.problem.excitation import excitation
 from ipmclab.identification.problem.record import ASSUMED_REST, as_read, prepare
 from ipmclab.prediction.fitted import fitted_outputs
+from tests.identification.brief import brief
 
 SEED = 20261121
 MAPS = Path(__file__).parents[2] / "docs" / "import_maps"
@@ -190,7 +191,7 @@ def test_one_record_is_read_in_one_way() -> None:
         metadata=RunMetadata(starts_from_rest=False),
     )
     for given in (runs, [runs[0], cut]):
-        fit = identify(FRIEND, given)
+        fit = brief(FRIEND, given)
         validation = validate(fit.actuator, given)
         for residuals, one in zip(fit.residuals, validation.runs, strict=True):
             assert one.scores["current"].rmse == pytest.approx(rms(residuals["current"]), rel=1e-6)
@@ -201,8 +202,8 @@ def test_a_second_fit_reads_a_run_as_the_first_did() -> None:
         measured("step 1 V delay=2 s", "current", "displacement", hold="unknown"),
         measured("sine 1 V 0.1 Hz", "current", "displacement", seed=1, hold="unknown"),
     ]
-    first = identify(FRIEND, runs, free="electrical")
-    second = identify(first.actuator, runs, free="coupling")
+    first = brief(FRIEND, runs)
+    second = brief(first.actuator, runs, "coupling")
     for before, after in zip(first.observations, second.observations, strict=True):
         assert after.delay == before.delay
         assert after.offset.get("current", 0.0) == before.offset.get("current", 0.0)
@@ -210,7 +211,7 @@ def test_a_second_fit_reads_a_run_as_the_first_did() -> None:
     for one, two in zip(validate(first.actuator, runs).runs, validate(second.actuator, runs).runs, strict=True):
         assert two.scores["current"].rmse == pytest.approx(one.scores["current"].rmse, rel=1e-9)
     # A fit that frees the circuit looks for the delay that belongs to its circuit.
-    both = identify(first.actuator, runs, free="electrical,coupling")
+    both = brief(first.actuator, runs, "electrical,coupling", followed=False)
     assert "observation.delay[0]" in both.parameters
 
 
@@ -231,7 +232,7 @@ def test_steps_of_two_rates_and_unknown_hold_do_not_claim_what_they_cannot_tell(
                     hold="unknown",
                 )
             )
-        fit = identify(FRIEND, runs)
+        fit = brief(FRIEND, runs)
         for name, parameter in fit.parameters.items():
             low, high = parameter.interval
             truth = FRIEND[name] if name in FRIEND.parameter_values else 0.0

@@ -10,6 +10,7 @@ import pytest
 
 from ipmclab import Fit, InputError, Run, RunMetadata, identify, load_actuator, simulate
 from ipmclab.model import Actuator, simulate_outputs
+from tests.identification.brief import brief
 from tests.independent.bounds import ELECTRICAL, noisy_current, relative_errors, step_and_sine, strip_of
 
 SEED = 20261121
@@ -71,7 +72,7 @@ def test_intervals_hold_the_truth_of_strips_around_friend_2() -> None:
             )
             for time, voltage in step_and_sine()
         ]
-        fit = identify(FRIEND, runs)
+        fit = brief(FRIEND, runs)
         left = sum(float(np.sum((run["current"] / 1e-4) ** 2)) for run in fit.residuals)
         assert left < 4000 + 4 * 89, "not at the noise floor"
         bound = relative_errors(strip, step_and_sine(), 1e-4)
@@ -342,7 +343,7 @@ def test_coloured_residuals_widen_the_errors() -> None:
             walk[row] = 0.9 * walk[row - 1] + generator.standard_normal()
         assert run.current is not None
         coloured.append(replace(run, current=run.current + 1e-4 * walk))
-    fit = identify(FRIEND, coloured)
+    fit = brief(FRIEND, coloured)
     assert "coloured-residuals" in {finding.code for finding in fit.findings}
     # A pole of 0.9 makes the long-run variance 19 times that of white noise of the same size: errors 4.4 times.
     slow = "circuit.dc_resistivity"
@@ -353,7 +354,7 @@ def test_coloured_residuals_widen_the_errors() -> None:
 @pytest.fixture(scope="module")
 def behind_thin_electrodes() -> Fit:
     """A fit with a sheet resistance that does not allow the current of the first instant."""
-    return identify(FRIEND.replace(**{"circuit.sheet_resistance": 3.0}), [record()])
+    return brief(FRIEND.replace(**{"circuit.sheet_resistance": 3.0}), record())
 
 
 def test_a_current_that_the_electrodes_do_not_allow_is_named(behind_thin_electrodes: Fit) -> None:
@@ -397,11 +398,11 @@ def test_every_parameter_that_is_not_determined_is_named_by_a_direction(behind_t
     force = [record("step 1 V", keep=("force",)), record("sine 1 V 0.1 Hz", keep=("force",))]
     reversed_step = replace(record(), current=-record().current)  # type: ignore[operator]
     fits = [
-        identify(FRIEND, force, free="coupling"),
-        identify(FRIEND, [record()], free="electrical,circuit.contact_resistance,circuit.sheet_resistance"),
-        identify(FRIEND, [reversed_step]),
+        brief(FRIEND, force, "coupling"),
+        brief(FRIEND, record(), "electrical,circuit.contact_resistance,circuit.sheet_resistance"),
+        brief(FRIEND, reversed_step),
         behind_thin_electrodes,
-        identify(FRIEND, [record(duration=3.0)]),
+        brief(FRIEND, record(duration=3.0)),
     ]
     assert not fits[0].parameters["coupling.zero"].determined  # so fast that only gain times zero shows
     for fit in fits:

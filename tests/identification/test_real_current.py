@@ -16,6 +16,7 @@ from ipmclab.identification.problem.free import parse_free
 from ipmclab.identification.problem.record import prepare
 from ipmclab.identification.search.lowest import find_minima
 from ipmclab.model.variants import with_stages
+from tests.identification.brief import brief
 
 MAPS = Path(__file__).parents[2] / "docs" / "import_maps"
 
@@ -52,7 +53,7 @@ def after_the_edge(run: Run, hold: str) -> Run:
 @pytest.mark.parametrize("hold", ["zero", "unknown"])
 def test_the_step_of_the_real_strip(hold: str, real_runs: Path) -> None:
     run = import_run(real_runs / "step_1V.csv.gz", MAPS / "step_1V.toml")
-    fit = identify(strip(56.9), [after_the_edge(run, hold)])
+    fit = brief(strip(56.9), after_the_edge(run, hold), followed=False)
     assert fit.converged
     assert rms(fit) <= 0.33e-3
     circuit = fit.actuator.circuit_elements()
@@ -79,7 +80,7 @@ def test_a_twin_of_it(hold: str) -> None:
     noise = 3e-4 * np.random.default_rng(20261121).standard_normal(1500)
     read = np.round((clean.current + noise) / 1e-4) * 1e-4
     run = Run.from_arrays(time=clean.time, voltage=clean.voltage, current=read, hold=hold)  # type: ignore[arg-type]
-    fit = identify(strip(56.9), [run])
+    fit = brief(strip(56.9), run)
     assert rms(fit) == pytest.approx(3e-4, rel=0.06)
     for name, parameter in fit.parameters.items():
         if name in truth.parameter_values:
@@ -110,7 +111,7 @@ def plain(run: Run, used: np.ndarray) -> float:
 def test_a_walk_that_was_there_at_0_v_takes_no_real_fit_from_its_readings(real_runs: Path) -> None:
     """Somebody touched the wire: weighted by what that left, the curve missed the whole record by 1.3 mA."""
     run = import_run(real_runs / "step_1V.csv.gz", MAPS / "step_1V.toml")
-    fit = identify(strip(56.9), run, free="electrical")
+    fit = brief(strip(56.9), run, followed=False)
     assert rms(fit) <= 1.05 * plain(run, np.isfinite(fit.residuals[0]["current"]))
 
 
@@ -118,7 +119,7 @@ def test_a_current_that_rises_under_voltage_is_not_weighted_as_a_walk(real_runs:
     """5 s at 0 V are too few to show the walk that 60 s of rise look like; weighted by it, the curve missed the end."""
     record = import_run(real_runs / "step_3V.csv.gz", MAPS / "step_3V.toml")
     run = cut(StepRecord("step_3V", record, 690), -5.0, 60.0)
-    fit = identify(strip(16.0), run, free="electrical")  # the strip has some 60 ohm: the circuit is wrong too
+    fit = brief(strip(16.0), run, followed=False)  # the strip has some 60 ohm: the circuit is wrong too
     assert rms(fit) <= 1.05 * plain(run, np.ones(len(run), dtype=bool))
     assert not fit.observations[0].noise_model["current"].terms.walk
 
@@ -127,7 +128,8 @@ def test_a_current_that_rises_under_voltage_is_not_weighted_as_a_walk(real_runs:
 def test_a_current_drifts_only_where_it_does_at_0_v(name: str, real_runs: Path) -> None:
     """9 of 22 mA were taken for a drift of the sensor, and a prediction lacked them."""
     record = import_run(real_runs / f"{name}.csv.gz", MAPS / f"{name}.toml")
-    fit = identify(strip(56.9), cut(StepRecord(name, record, {"step_2V": 516, "step_3V": 690}[name]), -20.0, 400.0))
+    run = cut(StepRecord(name, record, {"step_2V": 516, "step_3V": 690}[name]), -20.0, 400.0)
+    fit = brief(strip(56.9), run, followed=False)
     assert fit.observations[0].drift == {}
 
 
@@ -172,7 +174,7 @@ def test_rows_at_0_v_hold_the_zero_of_a_current(real_runs: Path) -> None:
     """A strip at rest draws nothing: what a model lacks under voltage moved the zero by 3.5 mA either way."""
     assert real_runs.is_dir()
     run = cut(records()["step_3V"], -20.0, 60.0)
-    fit = identify(strip(56.9), run, free="electrical")
+    fit = brief(strip(56.9), run)
     assert run.current is not None
     before = run.current[run.voltage == 0.0][:-3]
     fifths = [float(part.mean()) for part in np.array_split(before, 5)]

@@ -3,20 +3,38 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 
 from benchmarks.real_records import cut, records, strip
-from ipmclab import Actuator, Run, identify
+from ipmclab import Actuator, Fit, Run
 from ipmclab.model.variants import with_stages
+from tests.identification.brief import brief
+
+RELAXING = "coupling,relaxation"
+
+every = cache(records)
+
+
+@cache
+def motion(record: str, first: float, last: float) -> Run:
+    """The displacement of a record from one time after its contact to another [s]."""
+    return cut(every()[record], first, last, channels=("displacement",))
+
+
+@cache
+def of_step_2() -> Fit:
+    """One slow mode, to a minute of the step of 2 V."""
+    return brief(with_stages(strip(), "relaxation.displacement=1"), motion("step_2V", -20.0, 60.0), RELAXING)
 
 
 def test_a_sensor_drifts_by_no_more_than_its_rows_at_0_v_do(real_runs: Path) -> None:
     """A slope and a slow start of the strip that cancel: least squares alone has 0.9 mm here."""
     assert real_runs.is_dir()
-    run = cut(records()["step_2V_poor"], -5.0, 60.0, channels=("displacement",))
-    fit = identify(with_stages(strip(), "relaxation.displacement=1"), run, free="coupling,relaxation")
+    run = motion("step_2V_poor", -5.0, 60.0)
+    fit = brief(with_stages(strip(), "relaxation.displacement=1"), run, RELAXING, followed=False)
     before = run.voltage == 0.0
     assert run.displacement is not None
     (slope, _), spread = np.polyfit(run.time[before], run.displacement[before], 1, cov=True)
@@ -30,8 +48,7 @@ def test_a_sensor_drifts_by_no_more_than_its_rows_at_0_v_do(real_runs: Path) -> 
 def test_a_zero_and_a_slow_start_that_cancel_are_no_bending(real_runs: Path) -> None:
     """Both are metres in that fit: "the displacement reaches 1.965e+04 mm" was said of a motion of 1.3 mm."""
     assert real_runs.is_dir()
-    run = cut(records()["step_1V"], 0.2, 60.0, channels=("displacement",))
-    fit = identify(with_stages(strip(), "relaxation.displacement=1"), run, free="coupling,relaxation")
+    fit = brief(with_stages(strip(), "relaxation.displacement=1"), motion("step_1V", 0.2, 60.0), RELAXING)
     assert fit.observations[0].start == "free"
     assert abs(fit.observations[0].offset["displacement"]) > 1.0
     assert not [finding for finding in fit.findings if finding.code == "large-bending"]
@@ -40,9 +57,9 @@ def test_a_zero_and_a_slow_start_that_cancel_are_no_bending(real_runs: Path) -> 
 def test_what_wanders_at_0_v_is_no_strip_in_motion(real_runs: Path) -> None:
     """A starting state would follow what the model lacks: two slow modes had one and left less than three without."""
     assert real_runs.is_dir()
-    run = cut(records()["step_1V"], -5.0, 60.0, channels=("displacement",))
+    run = motion("step_1V", -5.0, 60.0)
     fits = [
-        identify(with_stages(strip(), f"relaxation.displacement={modes}"), run, free="coupling,relaxation")
+        brief(with_stages(strip(), f"relaxation.displacement={modes}"), run, RELAXING, followed=False)
         for modes in (2, 3)
     ]
     assert {fit.observations[0].start for fit in fits} == {"assumed rest"}
@@ -52,14 +69,13 @@ def test_what_wanders_at_0_v_is_no_strip_in_motion(real_runs: Path) -> None:
 
 def circuit_known(record: str, last: float) -> tuple[Actuator, Run]:
     """A step with its displacement and current, and the strip with the circuit that the current has there."""
-    whole = cut(records()[record], -20.0, last, channels=("current", "displacement"))
-    circuit = identify(strip(), replace(whole, displacement=None), free="electrical,circuit.sheet_resistance").actuator
-    return circuit, whole
+    whole = cut(every()[record], -20.0, last, channels=("current", "displacement"))
+    return brief(strip(), replace(whole, displacement=None), "electrical,circuit.sheet_resistance").actuator, whole
 
 
 def left_by(actuator: Actuator, run: Run) -> float:
     """What a fit of the displacement leaves [m]."""
-    fit = identify(actuator, run, free="coupling,relaxation")
+    fit = brief(actuator, run, RELAXING, followed=False)
     return float(np.sqrt(np.nanmean(fit.residuals[0]["displacement"] ** 2)))
 
 
@@ -76,7 +92,7 @@ def test_a_slow_mode_more_does_not_leave_more(real_runs: Path) -> None:
 def test_ratios_of_modes_that_meet_end_no_search(real_runs: Path) -> None:
     """Thousands against each other: with bounds among the steps they left more than one mode does."""
     assert real_runs.is_dir()
-    run = cut(records()["step_3V"], -5.0, 240.0, channels=("displacement",))
+    run = motion("step_3V", -5.0, 240.0)
     less, more = (left_by(with_stages(strip(), f"relaxation.displacement={modes}"), run) for modes in (1, 2))
     assert more < 0.9 * less
 
@@ -84,8 +100,8 @@ def test_ratios_of_modes_that_meet_end_no_search(real_runs: Path) -> None:
 def test_a_ratio_of_what_may_be_of_any_size_is_not_determined(real_runs: Path) -> None:
     """A pole of the coupling went to zero, d(0) to any size, and a ratio of 2e-16 was called known to 2 %."""
     assert real_runs.is_dir()
-    run = cut(records()["step_2V_poor"], -20.0, 60.0, channels=("displacement",))
-    fit = identify(with_stages(strip(), "relaxation.displacement=1"), run, free="coupling,relaxation")
+    run = motion("step_2V_poor", -20.0, 60.0)
+    fit = brief(with_stages(strip(), "relaxation.displacement=1"), run, RELAXING)
     assert not fit.parameters["coupling.p2"].determined
     assert not fit.parameters["relaxation.displacement.0.ratio"].determined
     (said,) = (finding.message for finding in fit.findings if finding.code == "set-point")
@@ -95,9 +111,7 @@ def test_a_ratio_of_what_may_be_of_any_size_is_not_determined(real_runs: Path) -
 def test_another_fit_as_good_with_another_ratio_leaves_it_open(real_runs: Path) -> None:
     """A ratio of 0.9995 was called determined, between -64784 and 1.0004."""
     assert real_runs.is_dir()
-    run = cut(records()["step_2V"], -20.0, 60.0, channels=("displacement",))
-    fit = identify(with_stages(strip(), "relaxation.displacement=1"), run, free="coupling,relaxation")
-    ratio = fit.parameters["relaxation.displacement.0.ratio"]
+    ratio = of_step_2().parameters["relaxation.displacement.0.ratio"]
     low, high = ratio.interval
     assert not ratio.determined or high - low < 2.0
 
@@ -105,8 +119,7 @@ def test_another_fit_as_good_with_another_ratio_leaves_it_open(real_runs: Path) 
 def test_a_drift_has_a_zero_beside_it(real_runs: Path) -> None:
     """A slope that is nothing at the middle of the record has the sensor begin elsewhere than its rows at 0 V."""
     assert real_runs.is_dir()
-    run = cut(records()["step_2V"], -20.0, 60.0, channels=("displacement",))
-    fit = identify(with_stages(strip(), "relaxation.displacement=1"), run, free="coupling,relaxation")
+    fit, run = of_step_2(), motion("step_2V", -20.0, 60.0)
     assert fit.observations[0].drift["displacement"] != 0.0
     left, at_rest = fit.residuals[0]["displacement"], run.voltage == 0.0
     assert abs(np.mean(left[at_rest])) < 0.5 * np.std(left[at_rest])
@@ -116,6 +129,6 @@ def test_a_strip_at_rest_shows_how_its_sensor_drifts(real_runs: Path) -> None:
     """The rows at 0 V rise by 10 um/s, and least squares of 4 minutes would have it fall by 20."""
     assert real_runs.is_dir()
     strip_there, run = circuit_known("step_3V", 240.0)
-    fit = identify(with_stages(strip_there, "relaxation.displacement=1"), run, free="coupling,relaxation")
+    fit = brief(with_stages(strip_there, "relaxation.displacement=1"), run, RELAXING, followed=False)
     assert fit.observations[0].start == "shown rest"
     assert fit.observations[0].drift["displacement"] > 0.0

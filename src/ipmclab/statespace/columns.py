@@ -80,7 +80,10 @@ def without(products: FloatArray, terms: Terms) -> tuple[FloatArray, float]:
     held = terms.held
     if not held:
         return products[CONSTANTS:, CONSTANTS:].copy(), 0.0
-    kept = [*held, *range(CONSTANTS, len(products))]
-    left = products[np.ix_(kept, kept)]
+    if len(held) == CONSTANTS:
+        left = products.copy()
+    else:
+        kept = [*held, *range(CONSTANTS, len(products))]
+        left = products[np.ix_(kept, kept)]
     logarithm = eliminate(left, len(held))
     return left[len(held) :, len(held) :].copy(), float(logarithm)

@@ -79,8 +79,8 @@ def likelihood(
     turned = (root @ turn).T
     variance, misfit, more = restricted(
         np.maximum(levels, 0.0),
-        np.append(turned @ own[:-1, -1], own[-1, -1]),
-        np.append(turned @ others.products[:-1, -1], others.products[-1, -1]),
+        np.concatenate([turned @ own[:-1, -1], own[-1:, -1]]),
+        np.concatenate([turned @ others.products[:-1, -1], others.products[-1:, -1]]),
         float(columns.count - terms.constants),
         variance,
     )

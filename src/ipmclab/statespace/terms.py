@@ -123,17 +123,14 @@ def autoregression(partials: FloatArray) -> tuple[FloatArray, FloatArray]:
     >>> coefficients.tolist(), covariances.round(6).tolist()
     ([0.9], [5.263158])
     """
-    order = len(partials)
-    coefficients = np.zeros(0)
-    correlations = [1.0]
-    for partial in partials:
-        reverse = coefficients[::-1]
-        ahead = float(coefficients @ np.array(correlations[:0:-1])) if len(coefficients) else 0.0
-        shrunk = 1.0 - float(coefficients @ np.array(correlations[1:])) if len(coefficients) else 1.0
+    coefficients, correlations = partials[:1].copy(), [1.0, *partials[:1].tolist()]
+    for partial in partials[1:]:
+        ahead = float(coefficients @ np.array(correlations[:0:-1]))
+        shrunk = 1.0 - float(coefficients @ np.array(correlations[1:]))
         correlations.append(ahead + partial * shrunk)
-        coefficients = np.append(coefficients - partial * reverse, partial)
+        coefficients = np.concatenate([coefficients - partial * coefficients[::-1], [partial]])
     variance = 1.0 / float(np.prod(1.0 - partials**2))
-    return coefficients, variance * np.array(correlations[:order])
+    return coefficients, variance * np.array(correlations[: len(partials)])
 
 
 def state_space(terms: Terms, entries: FloatArray) -> StateSpace:
@@ -152,10 +149,11 @@ def state_space(terms: Terms, entries: FloatArray) -> StateSpace:
     if order:
         coefficients, covariances = autoregression(np.tanh(entries[:order]))
         transition[0, :order] = coefficients
-        transition[range(1, order), range(order - 1)] = 1.0
+        for k in range(1, order):
+            transition[k, k - 1] = 1.0
         drive[0, 0], seen[0] = 1.0, 1.0
-        apart = np.abs(np.arange(order)[:, None] - np.arange(order))
-        start[:order, :order] = covariances[apart]
+        for k in range(order):
+            start[k, k:order] = start[k:order, k] = covariances[: order - k]
     if terms.walk:
         # It starts at 0: where it starts is the unknown offset that goes with it.
         transition[-1, -1], seen[-1] = 1.0, 1.0

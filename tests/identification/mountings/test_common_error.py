@@ -18,6 +18,7 @@ from ipmclab.identification.problem.free import FreeParameters, Prior
 from ipmclab.measurement.random_effect import random_effect
 from ipmclab.model import Actuator
 from tests.identification import many
+from tests.identification.brief import brief
 from tests.identification.many import CONTACT, FRIEND, noisy
 
 SEED = 20261121
@@ -125,7 +126,7 @@ def test_another_mounting_lies_inside_when_the_stated_value_is_drawn_anew() -> N
     inside = []
     for _ in range(10):
         true = FRIEND.replace(**{THICKNESS: FRIEND[THICKNESS] * float(np.exp(0.05 * generator.standard_normal()))})
-        fit = identify(stating(THICKNESS, 0.05 * FRIEND[THICKNESS]), mountings(generator, 0.01, true))
+        fit = brief(stating(THICKNESS, 0.05 * FRIEND[THICKNESS]), mountings(generator, 0.01, true))
         low, high = fit.parameters[RHO].interval_next_mounting or (np.nan, np.nan)
         inside.append(low <= FRIEND[RHO] * float(np.exp(0.01 * generator.standard_normal())) <= high)
     # At 95 %, fewer than 7 of 10 come once in a thousand.

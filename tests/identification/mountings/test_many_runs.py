@@ -9,6 +9,7 @@ import scipy.signal
 
 from ipmclab import Fit, InputError, Run, RunMetadata, identify, simulate
 from ipmclab.model import Actuator
+from tests.identification.brief import brief
 from tests.identification.many import CONTACT, FRIEND
 
 SEED = 20261121
@@ -88,7 +89,7 @@ def drawn(generator: np.random.Generator) -> list[Run]:
 def fits() -> list[Fit]:
     """Each run with a contact of its own, drawn four times."""
     generator = np.random.default_rng(SEED)
-    return [identify(FRIEND, drawn(generator), free=SHARED, per_run=CONTACT) for _ in range(4)]
+    return [brief(FRIEND, drawn(generator), SHARED, per_run=CONTACT) for _ in range(4)]
 
 
 def test_each_run_counts_with_its_own_noise_and_has_its_own_contact(fits: list[Fit]) -> None:

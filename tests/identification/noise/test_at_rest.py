@@ -5,12 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ipmclab import Run, identify, load_actuator, simulate
+from ipmclab import Run, load_actuator, simulate
 from ipmclab.fit.fit import Fit
 from ipmclab.identification.noise.at_rest import is_at_rest_too, is_shown_at_rest, likelier_with_slow, without_spikes
 from ipmclab.model.variants import with_stages
 from ipmclab.statespace.shape import Shape, drawn
 from ipmclab.statespace.terms import Terms
+from tests.identification.brief import brief
 
 
 def test_noise_about_a_slope_stays_as_it_is() -> None:
@@ -46,7 +47,7 @@ def test_a_drift_that_rows_at_rest_have_is_one_beside_a_wrong_model_too(drift: f
     assert clean.current is not None
     noise = 1e-5 * np.random.default_rng(20261123).standard_normal(len(clean))
     run = Run.from_arrays(time=clean.time, voltage=clean.voltage, current=clean.current + noise + drift * clean.time)
-    fit = identify(load_actuator("friend-2"), run, free="electrical")
+    fit = brief(load_actuator("friend-2"), run, free="electrical")
     found = fit.observations[0].drift
     assert found.get("current", 0.0) == pytest.approx(drift, rel=0.1)
     (said,) = [one for one in fit.findings if one.code == "sensor-drift"]
@@ -99,7 +100,7 @@ def lacking_two_branches(seed: int) -> tuple[Fit, float]:
     assert clean.current is not None
     noise = 2e-5 * np.random.default_rng(seed).standard_normal(len(clean))
     run = Run.from_arrays(time=clean.time, voltage=clean.voltage, current=clean.current + 2e-4 + noise, hold="zero")
-    fit = identify(with_stages(load_actuator("friend-2"), "branches=1"), run)
+    fit = brief(with_stages(load_actuator("friend-2"), "branches=1"), run)
     return fit, float(np.sqrt(np.mean(fit.residuals[0]["current"] ** 2)))
 
 

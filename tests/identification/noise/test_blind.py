@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from benchmarks.trust import CASES, draw
-from ipmclab import Fit, Run, RunMetadata, identify, load_actuator
+from ipmclab import Fit, Run, RunMetadata, load_actuator
 from ipmclab.model.variants import with_stages
+from tests.identification.brief import brief
 
 SEED = 20261121
 FRIEND = load_actuator("friend-2")
@@ -40,7 +41,7 @@ def inside(fit: Fit) -> float:
 @pytest.mark.parametrize("noise", ["linear drift", "white"])
 def test_a_step_alone_has_intervals_that_allow_for_a_drift(noise: str) -> None:
     generator = np.random.default_rng(SEED)
-    fits = [identify(FRIEND, runs(noise, generator, (0,))) for _ in range(15)]
+    fits = [brief(FRIEND, runs(noise, generator, (0,))) for _ in range(15)]
     # Without it they hold the truth in 22 of 100 under the drift.
     assert np.mean([inside(fit) for fit in fits]) >= 0.85
     (told,) = (finding for finding in fits[0].findings if finding.code == "drift-not-excluded")
@@ -49,7 +50,7 @@ def test_a_step_alone_has_intervals_that_allow_for_a_drift(noise: str) -> None:
 
 
 def test_a_sine_beside_it_would_show_the_drift() -> None:
-    fit = identify(FRIEND, runs("white", np.random.default_rng(SEED)))
+    fit = brief(FRIEND, runs("white", np.random.default_rng(SEED)))
     assert "drift-not-excluded" not in {finding.code for finding in fit.findings}
     assert not fit.observations[0].noise_model
 
@@ -63,7 +64,7 @@ def test_a_drift_beside_noise_that_hangs_together_is_allowed_for_too() -> None:
         (run,) = runs("AR(1) 0.9", generator, (0,))
         assert run.current is not None
         drift = generator.choice([-3.0, 3.0]) * CIRCUIT.noise * np.linspace(0.0, 1.0, len(run))
-        fit = identify(FRIEND, replace(run, current=run.current + drift), free=free)
+        fit = brief(FRIEND, replace(run, current=run.current + drift), free=free)
         model = fit.observations[0].noise_model.get("current")
         assert model is not None
         assert model.terms.drifts
@@ -74,7 +75,7 @@ def test_a_drift_beside_noise_that_hangs_together_is_allowed_for_too() -> None:
 
 def test_where_a_drift_would_leave_nothing_known_the_fit_says_that_it_rests_on_there_being_none() -> None:
     # From the row of the edge on: neither a zero nor a drift has anything to show against.
-    fit = identify(FRIEND, runs("white", np.random.default_rng(SEED), (0,), begin=250))
+    fit = brief(FRIEND, runs("white", np.random.default_rng(SEED), (0,), begin=250))
     (told,) = (finding for finding in fit.findings if finding.code == "drift-not-excluded")
     assert "assume that there is none" in told.message
     assert not fit.observations[0].noise_model
@@ -83,12 +84,12 @@ def test_where_a_drift_would_leave_nothing_known_the_fit_says_that_it_rests_on_t
 
 def test_what_stands_beside_an_unseen_stage_is_known_under_the_noise() -> None:
     generator = np.random.default_rng(SEED)
-    fit = identify(with_stages(FRIEND, "leak.exponential"), runs("AR(1) 0.9", generator), free="electrical,leak")
+    fit = brief(with_stages(FRIEND, "leak.exponential"), runs("AR(1) 0.9", generator), free="electrical,leak")
     assert not any(parameter.determined for name, parameter in fit.parameters.items() if name.startswith("leak."))
     assert fit.estimate is not None
     assert fit.estimate.beside is not None
     assert {str(noise.terms) for noise in fit.estimate.beside.noise.values()} == {"AR(1)"}
-    alone = identify(FRIEND, runs("AR(1) 0.9", np.random.default_rng(SEED)))
+    alone = brief(FRIEND, runs("AR(1) 0.9", np.random.default_rng(SEED)))
     for name in CIRCUIT.names:
         low, high = alone.parameters[name].interval
         assert fit.parameters[name].interval[0] <= low * 1.001
@@ -103,4 +104,4 @@ def test_noise_that_hangs_together_contradicts_no_rest(noise: str) -> None:
             Run.from_arrays(time=run.time, voltage=run.voltage, current=run.current, hold="zero")
             for run in runs(noise, generator)
         ]
-        assert "start-not-at-rest" not in {finding.code for finding in identify(FRIEND, said).findings}
+        assert "start-not-at-rest" not in {finding.code for finding in brief(FRIEND, said, followed=False).findings}

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ipmclab import Fit, Run, identify, load_actuator, simulate
+from ipmclab import Fit, Run, load_actuator, simulate
 from ipmclab.identification.solved import solved
 from ipmclab.model.variants import with_stages
+from tests.identification.brief import brief
 
 
 def left(fit: Fit) -> float:
@@ -40,5 +41,5 @@ def test_a_leak_leaves_no_more_than_the_circuit_without_it(seed: int) -> None:
     assert clean.current is not None
     noise = drawn(1e-5, 3e-3) * generator.standard_normal(len(clean))
     run = Run.from_arrays(time=clean.time, voltage=clean.voltage, current=clean.current + noise, hold="zero")
-    leaking = identify(with_stages(friend, "leak.exponential"), run, free="electrical,leak")
-    assert left(leaking) <= left(identify(friend, run, free="electrical")) * (1.0 + 1e-4)
+    leaking = brief(with_stages(friend, "leak.exponential"), run, "electrical,leak", followed=False)
+    assert left(leaking) <= left(brief(friend, run, followed=False)) * (1.0 + 1e-4)

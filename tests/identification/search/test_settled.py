@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from ipmclab import Run, RunMetadata, identify, load_actuator
+from ipmclab import Run, RunMetadata, load_actuator
 from ipmclab.identification.problem.evaluation import Evaluation
 from ipmclab.identification.search.descent import found_noise, weigh
 from ipmclab.identification.search.settled import SETTLED, settled, settled_beside_unfelt
 from ipmclab.identification.search.solve import Solution
 from ipmclab.identification.solved import solved
+from tests.identification.brief import brief
 from tests.identification.many import noisy
 
 TIME = np.linspace(0.0, 4.0, 60)
@@ -116,7 +117,7 @@ def test_what_is_determined_is_at_its_minimum_beside_parameters_that_are_hardly_
     resting = RunMetadata(starts_from_rest=True)
     voltage = np.where(time > 1.0, 1.0, 0.0)
     run = Run.from_arrays(time=time, voltage=voltage, current=current, hold="zero", metadata=resting)
-    fit = identify(load_actuator("friend-2"), run, free="electrical,observation.offset.current")
+    fit = brief(load_actuator("friend-2"), run, free="electrical,observation.offset.current")
     name = "observation.offset.current[0]"
     assert fit.parameters[name].determined
     estimate = solved(fit)
@@ -135,7 +136,7 @@ def test_far_from_any_minimum_nothing_is_done() -> None:
 def test_a_search_that_was_left_is_only_the_start_of_the_one_under_other_weights() -> None:
     """The fit is a minimum of the last weights; whether that of the first ones was reached says nothing."""
     run = noisy(np.random.default_rng(1), "step 1 V delay=1 s", outputs=("current",), duration=20.0, rate=20.0)
-    estimate = solved(identify(load_actuator("friend-2"), run))
+    estimate = solved(brief(load_actuator("friend-2"), run, followed=False))
     problem, solution = estimate.problem, estimate.solution
     other = problem.with_noise({key: 2.0 * noise for key, noise in problem.noise.items()})
     left = replace(solution, evaluation=other.evaluate(solution.theta), converged=False, message="left")
@@ -159,6 +160,6 @@ def test_weights_that_move_the_parameters_far_are_followed_until_they_stay() -> 
         outputs=("displacement", "force"),
         rate=50.0,
     )
-    found = solved(identify(friend, run, free="coupling,beam.modulus")).correlated
+    found = solved(brief(friend, run, "coupling,beam.modulus", followed=False)).correlated
     noise = found_noise(found.problem, found.solution)
     assert max(abs(noise[key] / found.problem.noise[key] - 1.0) for key in noise) < SETTLED

@@ -13,6 +13,7 @@ from ipmclab.identification.search.solve import Pinned, minimise
 from ipmclab.identification.solved import solved
 from ipmclab.identification.undetermined.diagnosis import names_it
 from ipmclab.model.variants import with_stages
+from tests.identification.brief import brief
 
 
 @pytest.mark.parametrize("trial", [0, 1])
@@ -78,7 +79,7 @@ def test_where_a_drift_cannot_be_excluded_what_is_determined_covers() -> None:
         current = clean.current + 5e-4 * np.random.default_rng(seed).standard_normal(len(clean))
         rest = RunMetadata(signal=signal, starts_from_rest=True)
         run = Run.from_arrays(time=clean.time, voltage=clean.voltage, hold=clean.hold, current=current, metadata=rest)
-        fit = identify(friend, run)
+        fit = brief(friend, run)
         assert any(not one.determined for one in fit.parameters.values())
         inside += [
             one.interval[0] <= friend[name] <= one.interval[1] for name, one in fit.parameters.items() if one.determined

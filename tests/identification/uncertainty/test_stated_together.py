@@ -20,6 +20,7 @@ from ipmclab import Actuator, Run, RunMetadata, identify, load_actuator, simulat
 from ipmclab.fit.as_fitted import why_changed
 from ipmclab.fit.fit import Fit
 from ipmclab.identification.problem.stated import stated_covariance
+from tests.identification.brief import brief
 
 SEED = 20261122
 FRIEND = load_actuator("friend-2")
@@ -59,15 +60,15 @@ def runs(strip: Actuator, quiet: float) -> tuple[Run, ...]:
 def in_stages(stated: float, moved: float = 1.0) -> Fit:
     """The coupling after the circuit, with what is stated of the sheet resistance, or with that moved by a factor."""
     strip = SLOW.replace(**{SHEET: moved * SLOW[SHEET]})
-    circuit = identify(stating(strip, stated) if stated else strip, runs(SLOW, 0.1), free="electrical")
+    circuit = brief(stating(strip, stated) if stated else strip, runs(SLOW, 0.1))
     exact = circuit.actuator if stated else replace(circuit.actuator, standard_uncertainties={})
-    return identify(exact, runs(SLOW, 0.1), free="coupling")
+    return brief(exact, runs(SLOW, 0.1), "coupling")
 
 
 @cache
 def at_once() -> Fit:
     """Circuit and coupling of a strip whose sheet resistance is too little known for a pole of the coupling."""
-    return identify(stating(FRIEND, 0.02), runs(FRIEND, 1.0), free="electrical,coupling")
+    return brief(stating(FRIEND, 0.02), runs(FRIEND, 1.0), "electrical,coupling")
 
 
 def d_0(strip: Actuator) -> float:
@@ -104,8 +105,8 @@ def test_d_0_is_known_as_well_as_it_is_when_its_parts_are_not() -> None:
     assert fit.parameters["coupling.p2"].standard_error > 0.42 * fit.parameters["coupling.p2"].value
     found = []
     for part in (0.98, 1.02):
-        moved = identify(FRIEND.replace(**{SHEET: part * FRIEND[SHEET]}), runs(FRIEND, 1.0), free="electrical").actuator
-        found.append(d_0(identify(moved, runs(FRIEND, 1.0), free="coupling").actuator))
+        moved = brief(FRIEND.replace(**{SHEET: part * FRIEND[SHEET]}), runs(FRIEND, 1.0), followed=False).actuator
+        found.append(d_0(brief(moved, runs(FRIEND, 1.0), "coupling", followed=False).actuator))
     # At two per cent it is not straight any more; it was said to be known to 37 %.
     assert said(fit) == pytest.approx(0.5 * math.log(found[1] / found[0]), rel=0.5)
 
@@ -117,7 +118,7 @@ def test_the_sentence_is_what_the_covariance_of_the_fit_says() -> None:
 @cache
 def circuit() -> Actuator:
     """With a fitted circuit, whose sheet resistance is known to a hundredth."""
-    return identify(stating(FRIEND, 0.01), runs(FRIEND, 1.0), free="electrical").actuator
+    return brief(stating(FRIEND, 0.01), runs(FRIEND, 1.0)).actuator
 
 
 def test_an_error_that_leans_on_what_is_taken_as_exact_says_so() -> None:
