@@ -455,7 +455,6 @@ def test_who_interrupts_the_intervals_keeps_the_fit() -> None:
     assert "intervals-not-followed" not in {one.code for one in whole.findings}
     for name, one in whole.parameters.items():
         assert fit.parameters[name].value == one.value
-        assert fit.parameters[name].standard_error == one.standard_error
     bent = [name for name, one in whole.parameters.items() if fit.parameters[name].interval != one.interval]
     assert bent
 
