@@ -15,7 +15,7 @@ from ipmclab.model.joined import Joined
 from ipmclab.model.numerics.dense import law_parts
 from ipmclab.model.numerics.tangents import Scratch, Shape, moves, outputs_along, tangents
 from ipmclab.model.numerics.tangents_modal import LOST, Modes, Slopes, modal_tangents
-from ipmclab.model.numerics.timeline import Timeline, divided, timeline
+from ipmclab.model.numerics.timeline import Timeline, divided, period_of, timeline
 from ipmclab.model.ports import OUTPUTS, choose_outputs
 from ipmclab.model.request import check_hold, checked_record, state_vector
 from ipmclab.model.stages.laser import Laser
@@ -157,7 +157,8 @@ class Kept:
         self._by_rows = by_rows
         self._points: dict[tuple[object, ...], _Point] = {}
         self._scratch: tuple[Shape, Scratch] | None = None
-        self._lines: dict[tuple[object, ...], tuple[object, object, Timeline]] = {}
+        self._records: dict[tuple[int, int], tuple[object, object, FloatArray, FloatArray, float]] = {}
+        self._lines: dict[tuple[object, ...], Timeline] = {}
 
     def line(
         self,
@@ -178,8 +179,8 @@ class Kept:
         """
         key = id(time), id(voltage), hold, delay, from_rest, leaks
         if key not in self._lines:
-            times, volts = checked_record(time, voltage)
-            line = timeline(times, volts, hold, delay=delay, from_rest=from_rest)
+            times, volts, period = self._record(time, voltage)
+            line = timeline(times, volts, hold, delay=delay, from_rest=from_rest, period=period)
             if leaks:
                 count = law_parts(line.durations)
                 if self._by_rows:
@@ -187,9 +188,20 @@ class Kept:
                 line = divided(line, count)
             if len(self._lines) >= _LINES:
                 self._lines.clear()
+            self._lines[key] = line
+        return self._lines[key]
+
+    def _record(self, time: npt.ArrayLike, voltage: npt.ArrayLike) -> tuple[FloatArray, FloatArray, float]:
+        """The times [s] of a record, its voltage [V] and its period [s]: a search moves its edges again and again."""
+        key = id(time), id(voltage)
+        if key not in self._records:
+            times, volts = checked_record(time, voltage)
+            if len(self._records) >= _LINES:
+                self._records.clear()
+                self._lines.clear()
             # The arrays are held, so that nothing else can take their identity.
-            self._lines[key] = time, voltage, line
-        return self._lines[key][2]
+            self._records[key] = time, voltage, times, volts, period_of(times)
+        return self._records[key][2:]
 
     def point(
         self, actuator: Actuator, names: tuple[str, ...], chosen: tuple[int, ...], asked: Collection[str]

@@ -53,7 +53,20 @@ class Timeline:
         return voltage_course(self.interval, self.start, self.end, self.row, self.reading)
 
 
-def timeline(time: FloatArray, voltage: FloatArray, hold: Hold, *, delay: float, from_rest: bool) -> Timeline:
+def period_of(time: FloatArray) -> float:
+    """The usual time between two rows [s]."""
+    return float(np.median(np.diff(time)))
+
+
+def timeline(
+    time: FloatArray,
+    voltage: FloatArray,
+    hold: Hold,
+    *,
+    delay: float,
+    from_rest: bool,
+    period: float | None = None,
+) -> Timeline:
     """Lay rows and voltage edges on one time line.
 
     Parameters
@@ -66,12 +79,15 @@ def timeline(time: FloatArray, voltage: FloatArray, hold: Hold, *, delay: float,
     from_rest : bool
         True: before its first edge the strip was at rest, and at 0 V. False: a state is given for
         row 0, and before its first edge the strip saw the first voltage.
+    period : float [s], optional
+        ``period_of`` the time, where it is known already.
 
     Returns
     -------
     timeline : Timeline
     """
-    period = float(np.median(np.diff(time)))
+    if period is None:
+        period = period_of(time)
     # A row that is read before its edge (zero-before) shows the voltage of the edge one row earlier;
     # row 0 shows a voltage that came with row 0.
     read_before = hold == "zero-before"
