@@ -190,7 +190,7 @@ def labels(paths: Sequence[Path]) -> list[str]:
 
 
 def _toml_for_a_run(path: Path) -> InputError:
-    """What to say of a TOML file that stands where a run is expected."""
+    """What to say of a TOML file that is where a run is expected."""
     table = glance(path) or {}
     if "geometry" in table:
         kind, repair = "this is an actuator, not a run", "the actuator, where one is needed, comes first, then the runs"

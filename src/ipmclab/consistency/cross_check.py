@@ -11,7 +11,8 @@ from ipmclab.consistency.capacitance import capacitance_out_of_range
 from ipmclab.consistency.dimensions import thickness_unusual
 from ipmclab.consistency.dry_mass import CODE as DRY_MASS
 from ipmclab.consistency.dry_mass import dry_mass_against_layers
-from ipmclab.consistency.facts import Fact, facts_of_runs
+from ipmclab.consistency.fact import Fact
+from ipmclab.consistency.facts import facts_of_runs
 from ipmclab.consistency.flick import CODE as FLICK
 from ipmclab.consistency.flick import flicks, resonance_against_stiffness
 from ipmclab.consistency.known import KnownStrip

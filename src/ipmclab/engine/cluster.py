@@ -182,8 +182,8 @@ def _same_software(client: Any, address: str) -> None:
     asked = ("ipmclab", *_SAME)
     found = client.get_versions(packages=["ipmclab"])
     mine = {name: str(found["client"]["packages"][name]) for name in asked}
-    for place, told in {"the scheduler": found["scheduler"], **found["workers"]}.items():
-        theirs = {name: str(told["packages"].get(name) or "not installed") for name in asked}
+    for place, versions in {"the scheduler": found["scheduler"], **found["workers"]}.items():
+        theirs = {name: str(versions["packages"].get(name) or "not installed") for name in asked}
         if words := differences(mine, theirs):
             raise _other_software(words, f"{address}, {place}")
 

@@ -141,7 +141,7 @@ def _least_squares(
 def _at_rest_after_all(under: Correlated, places: Set[int]) -> dict[int, list[int]]:
     """Runs whose start differs from rest by no more than their noise does, and the entries of their start.
 
-    White noise is what the first fit takes for granted. Under autocorrelated noise it contradicts rest far more often
+    White noise is what the first fit assumes. Under autocorrelated noise it contradicts rest far more often
     than its tests say.
     """
     if not under.shapes:
@@ -167,7 +167,7 @@ def _noisy(
 
 
 def _least(problem: Problem, near: Solution, ends: Sequence[Rival]) -> tuple[Problem, Solution]:
-    """Least squares beside zeros and slopes: without them the lowest minimum may be one that follows the drift."""
+    """Least squares with zeros and slopes: without them the lowest minimum may be one that follows the drift."""
     return weigh(*_from_everywhere(problem, near, ends))
 
 

@@ -41,7 +41,7 @@ from ipmclab.model.given import need_actuator, need_each_once, need_run
 from ipmclab.model.stages.circuit import SERIES
 from ipmclab.model.stages.leak import SLOW_TIME
 from ipmclab.one_thread import on_one_thread
-from ipmclab.progress import Tell, part, stage, telling
+from ipmclab.progress import OnProgress, part, reporting_to, stage
 from ipmclab.quality.check import check_record
 from ipmclab.quality.record import Record as Checked
 from ipmclab.quality.usable import noise_only
@@ -58,7 +58,7 @@ def identify(
     per_mounting: str | Iterable[str] = (),
     prior: str | Iterable[str] = (),
     labels: Sequence[str] | None = None,
-    progress: Tell | None = None,
+    progress: OnProgress | None = None,
 ) -> Fit:
     """Identify parameters of an actuator from one or more runs at once.
 
@@ -117,7 +117,7 @@ def identify(
     names = parse_free(actuator.parameter_values, free, per_run, per_mounting)
     _need_mountings(given, names)
     _refuse_counts(actuator, names)
-    with telling(progress):
+    with reporting_to(progress):
         return identify_freed(actuator, given, with_priors(actuator, names, prior), named)
 
 

@@ -19,11 +19,11 @@ if TYPE_CHECKING:
     from ipmclab.prediction.scores import Comparison
 
 _GOOD: Final = 50.0
-"""Percent of fit of minus the prediction from which on nothing but a sign explains it."""
+"""Percent of fit of minus the prediction from which on nothing but a sign explains it (convention)."""
 _AGAINST: Final = -0.9
-"""Cosine between readings and prediction below which they lie on opposite sides of rest."""
+"""Cosine between readings and prediction below which they lie on opposite sides of rest (convention)."""
 _MOSTLY: Final = 0.5
-"""Of what was missed, that a drift leaves where it is the cause."""
+"""Of what was missed, that a drift leaves where it is the cause (convention)."""
 
 
 def begins_under_voltage(one: RunValidation) -> bool:
@@ -83,10 +83,10 @@ def current_rises(runs: Iterable[RunValidation]) -> list[str]:
 
 
 def _is_turned(comparison: Comparison, *, shown: bool) -> bool:
-    read, told = comparison.measured[comparison.used], comparison.predicted[comparison.used]
-    if float(np.linalg.norm(read + told)) <= (1.0 - _GOOD / 100.0) * float(np.linalg.norm(read - read.mean())):
+    read, predicted = comparison.measured[comparison.used], comparison.predicted[comparison.used]
+    if float(np.linalg.norm(read + predicted)) <= (1.0 - _GOOD / 100.0) * float(np.linalg.norm(read - read.mean())):
         return True
-    return shown and float(read @ told) < _AGAINST * float(np.linalg.norm(read) * np.linalg.norm(told))
+    return shown and float(read @ predicted) < _AGAINST * float(np.linalg.norm(read) * np.linalg.norm(predicted))
 
 
 def said_of_run(one: RunValidation) -> list[Finding]:

@@ -10,7 +10,7 @@ from ipmclab.errors import InputError
 from ipmclab.quality.record import NO_VOLTAGE
 from ipmclab.run import FloatArray, Run
 
-_EQUAL: Final = 0.02
+_EQUAL: Final = 0.02  # part of the mean period by which periods may differ (convention)
 
 
 def period_of(run: Run) -> float | None:
@@ -58,7 +58,7 @@ def _seen_part(run: Run) -> tuple[float, int] | None:
     if period is None:
         return None
     end = int(driven[-1]) + 1
-    # A square of 0 and 1 V stands at 0 V for half a period: only what is longer than any such stretch is a rest.
+    # A square of 0 and 1 V is at 0 V for half a period: only what is longer than any such stretch is a rest.
     return period, end if len(run) - end > int(np.diff(driven).max(initial=1)) else len(run)
 
 

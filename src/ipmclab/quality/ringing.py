@@ -13,11 +13,11 @@ from ipmclab.run import Finding
 if TYPE_CHECKING:
     from ipmclab.model import Actuator
 
-_ROWS: Final = 20
-_SIGNIFICANT: Final = 8.0
+_ROWS: Final = 20  # rows after an edge that are looked at (convention)
+_SIGNIFICANT: Final = 8.0  # standard deviations: beyond any noise (convention)
 
 
-def seen_ringing(record: Record) -> list[Finding]:
+def measured_ringing(record: Record) -> list[Finding]:
     """``resonance-may-alias``: the displacement rings after edges of the voltage.
 
     The second differences of the rows after the edges (averaged over the edges, each with its

@@ -50,7 +50,7 @@ def whiten(
     """Turn correlated rows into independent ones of variance 1: a Kalman filter, with one gain for all columns.
 
     The noise is ``seen' x`` plus white noise of variance ``reading``, with x stepping by a transition and driven by
-    noise; time may go on by steps of several kinds. What the filter does not foresee of a column, over its standard
+    noise; time may continue by steps of several kinds. What the filter does not foresee of a column, over its standard
     deviation, is the column multiplied by the inverse of the Cholesky factor of the noise's covariance.
 
     Parameters

@@ -59,7 +59,7 @@ class Extended:
 def from_here(
     problem: Problem, theta: FloatArray, actuator: Actuator, direction: ScoreDirection, size: float
 ) -> Extended | None:
-    """Fit again with a stage, from where a fit stands; None where the stage does not go with it.
+    """Fit again with a stage, from where a fit is; None where the stage does not go with it.
 
     Parameters
     ----------
@@ -115,7 +115,7 @@ def afresh(
         That were free.
     direction : ScoreDirection
     known : Extended or None
-        What was found from where the fit stands: where a start leads there too, no other is asked.
+        What was found from where the fit is: where a start leads there too, no other is asked.
     """
     try:
         richer = with_stages(actuator, direction.name)

@@ -137,7 +137,7 @@ class Left:
 
     @property
     def _could_bend(self) -> bool:
-        """Whether the voltages tell the one from the other: under a single step both are in proportion."""
+        """Whether the voltages distinguish the one from the other: under a single step both are in proportion."""
         volts = np.concatenate([r.run.voltage for r in self.problem.records if self.output in r.readings])
         bent = volts * np.abs(volts)
         beside = bent - volts * float(volts @ bent) / max(float(volts @ volts), 1e-300)

@@ -86,7 +86,7 @@ def sparse(null: FloatArray) -> FloatArray:
 def others(
     actuator: Actuator, names: Sequence[str], outputs: Iterable[str], row: FloatArray, *, voltage: float
 ) -> tuple[str, ...]:
-    """Outputs beside these that would show a combination, in the order in which they are easy to read."""
+    """Outputs in addition to these that would show a combination, in the order in which they are easy to read."""
     have = set(outputs)
     rounding = _SHOWN if actuator.system.law_ports is None else _SHOWN_BY_LAWS
     found = []
@@ -110,7 +110,7 @@ def _over_frequencies(actuator: Actuator, names: Sequence[str], outputs: Sequenc
     """Of the transfer function along the imaginary axis, by each parameter [1/SI]; exact, by a complex step."""
     system = actuator.system
     poles = np.abs(np.linalg.eigvals(system.a))
-    # Beside the fastest a pole that rounding hides is none: it stands still for as long as floating point can tell.
+    # Beside the fastest a pole that rounding hides is none: it does not move for as long as floating point can tell.
     poles = poles[poles > np.finfo(np.float64).eps * poles.max(initial=0.0)]
     slowest, fastest = (float(poles.min()), float(poles.max())) if len(poles) else (1.0, 1.0)
     first, last = slowest / _EACH_SIDE, fastest * _EACH_SIDE

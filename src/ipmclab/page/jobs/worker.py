@@ -18,7 +18,7 @@ from ipmclab.page.jobs.frames import Frame, pack, read_frame
 from ipmclab.platform import own_stdin
 
 _BETWEEN_TOLD: Final = 0.1
-"""Progress is told at most this often [s]."""
+"""Progress is reported at most this often [s]."""
 
 
 class Cancelled(BaseException):

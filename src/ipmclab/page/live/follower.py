@@ -1,4 +1,4 @@
-"""A client of the recorder's process: joins whichever runs in the laboratory, and knows what it has told."""
+"""A client of the recorder's process: joins whichever runs in the laboratory, and knows what it has reported."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ class Follower:
         self._thread.start()
 
     def close(self) -> None:
-        """Leave; a recorder goes on."""
+        """Leave; a recorder continues."""
         self._ended.set()
         self._thread.join(2.0)
         with self._sending:
@@ -146,7 +146,7 @@ class Follower:
             if recorder is None:
                 return False
             if not recorder.request(kind, **values):
-                self._recorder = self._next = None  # so that it is joined anew, at once by who must reach it
+                self._recorder = self._next = None  # so that it is joined again, at once by who must reach it
                 self._not_before[recorder.file] = time.monotonic() + _AGAIN
                 return False
         if kind == "answer":
@@ -155,7 +155,7 @@ class Follower:
         return True
 
     def let_answer(self, there: bool) -> None:
-        """The recorder shall know whether somebody is there who could answer; it is told a moment later."""
+        """The recorder shall know whether somebody is there who could answer; it is sent a moment later."""
         self._answers = there
 
     def _follow(self) -> None:
@@ -288,7 +288,7 @@ class Follower:
         if run is None or columns is None:
             return None
         rate, rows = float(run["rate"]), progress.get("of", run["rows"])
-        waits = columns.rows_seen < rows and seconds > max(_SILENT, 3.0 * block_rows(rate) / rate)
+        waits = columns.rows_received < rows and seconds > max(_SILENT, 3.0 * block_rows(rate) / rate)
         return int(seconds) if waits else None
 
     def _take(self, message: Message) -> None:
@@ -329,9 +329,9 @@ class Follower:
     def _append(self, columns: Columns) -> None:
         """Put the blocks that came behind what was recorded before them; for the journal to have that, they wait."""
         first = self._waiting[0][0]
-        if columns.rows_seen < first:
+        if columns.rows_received < first:
             self._fill(columns, first)
-        if columns.rows_seen < first and self.state.journal is not None and time.monotonic() < self._patience:
+        if columns.rows_received < first and self.state.journal is not None and time.monotonic() < self._patience:
             return
         for first, values in self._waiting:
             columns.append(first, values)
@@ -349,6 +349,6 @@ class Follower:
             for first, values in record.rows():
                 if first >= rows:
                     break
-                start, stop = max(columns.rows_seen - first, 0), min(len(values), rows - first)
+                start, stop = max(columns.rows_received - first, 0), min(len(values), rows - first)
                 found = {name: values[start:stop, places[name]] for name in columns.channels if name in places}
                 columns.append(first + start, found)

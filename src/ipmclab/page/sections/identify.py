@@ -14,13 +14,13 @@ from ipmclab.page.commands import identify_step
 from ipmclab.page.context import Context
 from ipmclab.page.elements.free_table import FreeTable
 from ipmclab.page.elements.run_table import Chosen, RunTable
+from ipmclab.page.fit_cards import FitCard, FitRequest
 from ipmclab.page.run_table import RunFilter, table_rows
 from ipmclab.page.sections.fit_view import FitView
 from ipmclab.page.sections.kept import Kept, texts
 from ipmclab.page.sections.next_runs import NextRunsView
 from ipmclab.page.sections.parts import card, fail_at, sentence, step_view, text
 from ipmclab.page.sections.prediction import PredictionView
-from ipmclab.page.workshop import FitCard, FitRequest
 
 _PERIOD: Final = 0.25  # s between looks at the jobs
 _STATE_MOUNTING: Final = "state its mounting where it is recorded or imported, or choose “free per run”"
@@ -323,8 +323,8 @@ def _outcome(one: FitCard) -> str:
         return f"failed: {error.where + ': ' if error.where else ''}{sentence(error)}"
     if one.frame is None:
         return "cancelled"
-    told = one.frame.document
-    open_ones = sum(not row["determined"] for row in told["parameters"])
-    known = f"{told['free'] - open_ones} of {told['free']} parameters determined"
+    document = one.frame.document
+    open_ones = sum(not row["determined"] for row in document["parameters"])
+    known = f"{document['free'] - open_ones} of {document['free']} parameters determined"
     saved = f", saved as {one.saved}" if one.saved else ""
-    return f"{'' if told['converged'] else 'did not converge, '}{known}, {one.job.seconds:.1f} s{saved}"
+    return f"{'' if document['converged'] else 'did not converge, '}{known}, {one.job.seconds:.1f} s{saved}"

@@ -16,7 +16,7 @@ from ipmclab.page.commands import Step, report_step
 from ipmclab.page.context import Context
 from ipmclab.page.elements.checks import Checks
 from ipmclab.page.jobs.jobs import JobCancelled
-from ipmclab.page.run_table import told_runs
+from ipmclab.page.run_table import runs_in_words
 from ipmclab.page.sections.parts import card, download, fail_at, step_view, text
 from ipmclab.page.workshop import Workshop
 
@@ -83,7 +83,7 @@ class _View:
                 f"it was made from {', '.join(missing)}, which this folder lacks; copy the run files into it, "
                 "and look again under Runs",
             )
-        known = told_runs(await asyncio.to_thread(self._workshop.rows))
+        known = runs_in_words(await asyncio.to_thread(self._workshop.rows))
         self._tell_used(known)
         others = {key: words or key for key, words in known.items() if key not in self._used}
         one = self._workshop.fit(self._fit.value)

@@ -224,42 +224,42 @@ class _View:
         with self._chosen, card("Findings") as box:
             text("the run is being checked").classes("lab-quiet")
         try:
-            told = (await asyncio.wrap_future(job.future)).document
+            document = (await asyncio.wrap_future(job.future)).document
         except JobCancelled:
             return
         except IpmclabError as error:
-            told = None
+            document = None
             if asked == self._asked:
                 with box:
                     text(str(error)).classes("lab-bad").props("role=alert")
-        if told is None or asked != self._asked:
+        if document is None or asked != self._asked:
             return
-        bands = finding_bands(told["findings"])
+        bands = finding_bands(document["findings"])
         plot.show(panels, self._curves, bands)
         box.clear()
         with box:
             text("Findings", tag="h2")
-            finding_list(told["findings"])
+            finding_list(document["findings"])
         await self._tell_about(asked, about)
 
     async def _tell_about(self, asked: int, job: Job) -> None:
         """What the run says of itself, and its metrics."""
         try:
-            told = (await asyncio.wrap_future(job.future)).document
+            document = (await asyncio.wrap_future(job.future)).document
         except (JobCancelled, IpmclabError):
-            return  # what is wrong with the run stands under its findings
+            return  # what is wrong with the run is under its findings
         if asked != self._asked:
             return
         with self._chosen, ui.element("div").classes("lab-pair"):
             with card("About this run"):
                 plain_table(
                     {"name": "", "value": ""},
-                    [{"name": name, "value": value} for name, value in told["facts"]],
+                    [{"name": name, "value": value} for name, value in document["facts"]],
                     caption="About this run",
                 )
             with card("Metrics"):
                 headings = {"channel": "channel", "name": "metric", "value": "value", "unit": "unit"}
-                plain_table({**headings, "interval": "95 %"}, told["metrics"], caption="Metrics")
+                plain_table({**headings, "interval": "95 %"}, document["metrics"], caption="Metrics")
 
 
 def _downloads(keys: Sequence[str]) -> None:

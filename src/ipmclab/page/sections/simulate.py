@@ -14,7 +14,7 @@ from ipmclab.page.context import Context
 from ipmclab.page.elements.simulator import Simulator
 from ipmclab.page.jobs.tasks.simulate import stamp
 from ipmclab.page.replay import Replay
-from ipmclab.page.run_table import told_runs
+from ipmclab.page.run_table import runs_in_words
 from ipmclab.page.sections.kept import Kept
 from ipmclab.page.sections.parts import card, fail_at, step_view, text
 
@@ -116,7 +116,7 @@ class _View:
         return runs
 
     async def _runs(self) -> list[tuple[str, str]]:
-        known = told_runs(await asyncio.to_thread(self._workshop.rows))
+        known = runs_in_words(await asyncio.to_thread(self._workshop.rows))
         return [(key, f"{words} – {key}" if words else key) for key, words in known.items()]
 
     async def _tell(self, question: dict[str, Any]) -> None:

@@ -20,7 +20,7 @@ from ipmclab.rig.chambers.readings import SAME_TEMPERATURE, number, temperature
 
 _DOES: Final[dict[str, Mode]] = {"0": "standby", "1": "constant", "-1": "program"}  # idle, generating, purging
 _DEW_POINT: Final = 1
-"""Of what it can regulate, and where in its list of set points that stands."""
+"""Of what it can regulate, and where in its list of set points that is."""
 
 _FAULTS: Final = {
     1: "expansion valve not closing",

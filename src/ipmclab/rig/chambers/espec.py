@@ -83,7 +83,7 @@ class Espec(Driver):
         self._dialogue.close()
 
     def _command(self, words: str, deadline: Deadline) -> None:
-        """Tell it something, and see that it understood just that. Raises ChamberError."""
+        """Send it something, and see that it understood just that. Raises ChamberError."""
         bare = words.replace(" ", "")
 
         def is_done(answer: str) -> None:

@@ -1,4 +1,5 @@
-"""A chamber as an experiment holds it: read about once a second beside everything else, and believed only so far."""
+"""A chamber as an experiment holds it: read about once a second in addition to everything else, and believed only so
+far."""
 
 from __future__ import annotations
 
@@ -26,7 +27,7 @@ SILENT: Final = 12.0
 stand by, what is recorded ends within ``DEADLINE``."""
 
 _TWICE: Final = 2
-"""An alarm, or a set point that nobody asked for, counts once it stands in so many readings."""
+"""An alarm, or a set point that nobody asked for, counts once it is in so many readings."""
 
 
 class ChamberWatch:
@@ -40,7 +41,7 @@ class ChamberWatch:
         The time [s] of a simulated bench, which runs faster than that of the wall: the chamber, simulated too, is then
         read by that clock wherever its readings are asked for, and there is no thread.
     keeper : callable of bool, optional
-        Told that the chamber regulates for this program (true), and that it stands by again (false).
+        Called when the chamber regulates for this program (true), and that it is in standby again (false).
 
     Examples
     --------
@@ -101,7 +102,7 @@ class ChamberWatch:
 
     @property
     def is_ours(self) -> bool:
-        """Whether this program ever told it to regulate: what follows another's program is not let stand by."""
+        """Whether this program ever commanded it to regulate: what follows another's program is not let stand by."""
         return self._is_ours
 
     def set(self, temperature: float, relative_humidity: float | None) -> None:
@@ -167,7 +168,7 @@ class ChamberWatch:
             self._later.put(act)
 
     def safe(self) -> None:
-        """Let it stand by, whatever happened. Raises ChamberError only where it could not be told."""
+        """Let it stand by, whatever happened. Raises ChamberError only where it could not be reached."""
         self._asked, self._is_still = None, False
         self._stop_reading()  # a line that fails is asked no more than this
         self._chamber.safe()
@@ -259,7 +260,7 @@ class ChamberWatch:
             self._tell(problem)
 
     def _await_answer(self) -> None:
-        """Where the last reading failed: wait until one comes, or silence is told. Raises ChamberError.
+        """Where the last reading failed: wait until one comes, or silence is reported. Raises ChamberError.
 
         To resume it would take all its time in vain, and begin where the silence ends.
         """
@@ -299,7 +300,7 @@ _UNHEARD: Final = ChamberError(
 
 
 def _as_chamber_error(error: Exception) -> ChamberError:
-    """What went wrong beside a chamber, as an error that everybody here knows."""
+    """What went wrong around a chamber, as an error that everybody here knows."""
     if isinstance(error, ChamberError):
         return error
     where, repair = "chamber", "record again; if it happens again, report this message to the developers"

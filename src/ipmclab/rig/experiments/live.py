@@ -1,4 +1,4 @@
-"""What an experiment tells while a run is recorded."""
+"""What an experiment reports while a run is recorded."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from ipmclab.rig.recording.slow import Air
 from ipmclab.run import Mark
 
 _PROGRESS_TOLD: Final = 0.2
-"""How often [s] it is told how far a run has come."""
+"""How often [s] it is reported how far a run has come."""
 
 
 class Live:
-    """What a run tells while it is recorded: its readings as they come, and how many rows are safe."""
+    """What a run reports while it is recorded: its readings as they come, and how many rows are safe."""
 
     def __init__(self, operator: Operator, rows: int) -> None:
         self._operator = operator
@@ -55,8 +55,8 @@ class Live:
 
     def _tell(self) -> None:
         self._told = time.monotonic()
-        told = {"rows": self._seen, "acknowledged": self._safe, "of": self._rows}
-        self._operator.tell(Message("progress", told))
+        progress = {"rows": self._seen, "acknowledged": self._safe, "of": self._rows}
+        self._operator.tell(Message("progress", progress))
 
 
 def _told(mark: Mark) -> dict[str, Any]:

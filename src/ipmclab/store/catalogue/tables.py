@@ -21,7 +21,7 @@ from sqlalchemy import (
 from sqlalchemy.dialects.postgresql import JSONB
 
 VERSION: Final = 2
-"""Of these tables. A catalogue of another version is made anew from the run files: no row is ever migrated."""
+"""Of these tables. A catalogue of another version is made again from the run files: no row is ever migrated."""
 
 _JSON = JSON(none_as_null=True).with_variant(JSONB(none_as_null=True), "postgresql")
 _INTEGER = BigInteger().with_variant(Integer(), "sqlite")  # SQLite counts rows by itself only for INTEGER
@@ -79,7 +79,7 @@ document = Table(
     Column("run_id", _INTEGER, ForeignKey("ipmclab_run.id", ondelete="CASCADE"), primary_key=True, autoincrement=False),
     Column("metadata", _JSON),
 )
-"""The whole metadata of each run: apart, so that a list of runs need not read past them."""
+"""The whole metadata of each run: separate, so that a list of runs need not read past them."""
 
 file = Table(
     "ipmclab_file",

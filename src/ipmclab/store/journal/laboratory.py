@@ -48,7 +48,7 @@ class Laboratory:
         ----------
         root : str or path
         create : bool
-            Whether to make it where there is none; the folder that it stands in must be there.
+            Whether to make it where there is none; the folder that it is in must be there.
 
         Raises
         ------
@@ -129,7 +129,7 @@ class Laboratory:
         return tuple(path for age, path in _with_age(self.archive) if age < before)
 
     def run_file(self, uuid: str, metadata: RunMetadata, created_at: str) -> Path:
-        """Where a finished run stands: ``runs/2026/11/20261121_143205_rig1_S2_step_3f2a77c1.nc``.
+        """Where a finished run is: ``runs/2026/11/20261121_143205_rig1_S2_step_3f2a77c1.nc``.
 
         Parameters
         ----------

@@ -47,7 +47,7 @@ def finding_row(finding: Finding, run: Run | None = None) -> dict[str, Any]:
 
 
 def _times(finding: Finding, run: Run) -> list[list[float]]:
-    """From when to when a finding is [s], with what no screen could show apart put together.
+    """From when to when a finding is [s], with what no screen could show separately put together.
 
     Nowhere, where it concerns nearly the whole record: a mark would hide what it marks.
     """
