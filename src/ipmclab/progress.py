@@ -66,7 +66,7 @@ class _Teller:
         try:
             self._tell(self._sentence, self._fraction)
         except KeyboardInterrupt:
-            raise  # of the terminal, not of who is told: a work may keep what it has
+            raise  # of the terminal, not of who gets the reports: a work may keep what it has
         except BaseException as error:
             self._ended = error
             raise

@@ -176,7 +176,7 @@ class Conduct:
         absent = []
         for run, uuid in zip(one.runs, one.uuids, strict=True):
             if uuid not in self._state.open:
-                continue  # told while the sitting went on
+                continue  # reported while the sitting went on
             path = self._file(uuid)
             if path is None:
                 absent.append(uuid)

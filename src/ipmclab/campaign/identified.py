@@ -306,14 +306,14 @@ def _identified(start: Actuator, onset: float, choice: Choice, path: Path, state
     else:
         found = _fitted(start, run, choice.free)
         if isinstance(found, str):
-            _tell_of(state, choice, checksum, failure=found)
+            _entry_of(state, choice, checksum, failure=found)
             return SampleModel(choice.sample, choice, failure=found)
         fit = found
         path.parent.mkdir(exist_ok=True)
         write_fit(fit, path)
     model = SampleModel(choice.sample, choice, path, fit, _validated(fit, choice, onset))
     if before is None:
-        _tell_of(state, choice, checksum, scores=model.scores)
+        _entry_of(state, choice, checksum, scores=model.scores)
     return model
 
 
@@ -353,7 +353,7 @@ def _named(result: RunResult) -> Run:
     return replace(result.record, file=label_of(result))
 
 
-def _tell_of(
+def _entry_of(
     state: State, choice: Choice, checksum: str, *, scores: Mapping[str, float] | None = None, failure: str = ""
 ) -> None:
     entry: dict[str, Any] = {"sample": choice.sample, "model": choice.name, "of": choice.source.run.id, "run": checksum}

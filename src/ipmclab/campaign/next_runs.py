@@ -30,7 +30,7 @@ from ipmclab.rig.safety.limits import Limits
 BELOW_ELECTROLYSIS: Final = 1.2
 """Largest amplitude [V] that is proposed, unless the campaign itself applies more or a limit is named."""
 
-_ENOUGH: Final = 10**15  # bytes: a plan for the times of its runs asks for no disk
+_ENOUGH: Final = 10**15  # bytes: a plan for the times of its runs needs no disk
 
 
 @dataclass(frozen=True)
@@ -187,7 +187,7 @@ def ways_of(campaign: Campaign, sample: str, known: KnownSample, wishes: Wishes)
     InputError
         No experiment reads what the fit has read, where it was.
     """
-    times = _times_beside_signals(campaign, sample)
+    times = _times_without_signals(campaign, sample)
     follows = has_laws(known.fit.actuator)
     outputs = {name for one in known.fit.observations for name in one.noise}
     found: dict[str, Allowance] = {}
@@ -248,7 +248,7 @@ def _limits(experiment: Experiment, given: Mapping[str, str]) -> Limits:
     return replace(limits, voltage=replace(limits.voltage, most=most))
 
 
-def _times_beside_signals(campaign: Campaign, sample: str) -> dict[str, float]:
+def _times_without_signals(campaign: Campaign, sample: str) -> dict[str, float]:
     """What a run of each experiment takes [s] in addition to its signal: rests, zeros, and what else the campaign
     plans.
 

@@ -23,7 +23,7 @@ FloatArray = npt.NDArray[np.float64]
 IndexArray = npt.NDArray[np.int64]
 Mask = npt.NDArray[np.bool_]
 
-MOST_PARTS: Final = 2  # fading noises beside each other (a limit)
+MOST_PARTS: Final = 2  # fading noises together (a limit)
 _FLOOR: Final = 1e-9  # of the extent: a residual below is arithmetic
 _ALIKE: Final = 9  # digits of a step, in shortest steps
 _LONGEST: Final = 10.0  # records: a process slower than that is a constant

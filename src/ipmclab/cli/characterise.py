@@ -142,7 +142,7 @@ def _carry_out(
     from ipmclab.cli.recorder import recover_first
     from ipmclab.store.journal.laboratory import Laboratory
 
-    planned = _plan(campaign, folder)  # whatever cannot be done is told before anything moves
+    planned = _plan(campaign, folder)  # whatever cannot be done is reported before anything moves
     laboratory = Laboratory.open(folder)
     view = View(quiet=as_json, keys=sys.stdin.isatty())
     options = {"file": file, "yes": yes, "answers": answers, "keys": sys.stdin.isatty() and sys.stderr.isatty()}

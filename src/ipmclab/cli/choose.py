@@ -129,7 +129,7 @@ def choose(
             if path is not None:
                 print(f"wrote {path}")
     if choice.unfinished:
-        raise SystemExit(INTERRUPTED)  # what stands is kept, and it is not all that was asked
+        raise SystemExit(INTERRUPTED)  # what is finished is kept, and it is not all that was asked
 
 
 def _stopped() -> IpmclabError:

@@ -114,7 +114,7 @@ def means_actuator(word: str) -> bool:
     path = Path(base)
     if path.suffix.lower() == ".toml":
         table = glance(path)
-        return table is None or "geometry" in table  # its reader tells what is wrong with it
+        return table is None or "geometry" in table  # its reader says what is wrong with it
     # A name without an ending that is no file is meant for the library, rightly or not.
     return not path.suffix and not path.exists() and path.name == base
 

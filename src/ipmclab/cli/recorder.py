@@ -56,7 +56,7 @@ def main() -> int:
         forget_dead_recorders(laboratory.root)
         about = {"sample": experiment.sample.id, "rig": rig.name, "experiment": experiment.where}
         hub = operator.hub = Hub(laboratory.recording, operator.on_request, about)
-        log = _log_beside(hub.file)
+        log = _log_next_to(hub.file)
     except IpmclabError as error:
         return _refuse(error)
     except OSError as error:
@@ -329,7 +329,7 @@ def _record(
                 operator.steer(session)
                 if started or session.ended_early in ("abort", "zero"):
                     for file, _ in failed_before:
-                        file.unlink(missing_ok=True)  # it was told, and somebody said to continue
+                        file.unlink(missing_ok=True)  # it was reported, and somebody said to continue
                     session.run()  # one that was aborted before it began does no step: the output goes to 0 V
                 else:
                     how = "declined"
@@ -349,7 +349,7 @@ def _record(
     return int(last["status"])
 
 
-def _log_beside(file: Path) -> Path:
+def _log_next_to(file: Path) -> Path:
     """Let what nobody expected go to a file: the terminal of whoever started this may be gone long before."""
     log = file.with_suffix(".log")
     stream = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600)

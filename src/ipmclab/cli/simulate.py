@@ -118,7 +118,7 @@ def simulate(
         values, quantity = run.channels[name], CHANNELS[name]
         peak, time = read(float(values[row]), quantity), read(float(run.time[row]), TIME)
         rows.append([quantity.name, peak, time, read(float(values[-1]), quantity)])
-    where = "" if environment is None else f" at {_told(environment)}"
+    where = "" if environment is None else f" at {_environment_text(environment)}"
     print_table(["output", "peak", "at", "end"], rows, title=f"{model.name} under {applied}{where}, {len(run)} rows")
     if run.metadata.water_content is not None:
         print(f"water content as the run begins: {significant(run.metadata.water_content, 4)}")
@@ -153,7 +153,7 @@ def _environment(text: str) -> Environment | EnvironmentHistory:
     return EnvironmentHistory.of(points)
 
 
-def _told(text: str) -> str:
+def _environment_text(text: str) -> str:
     """An environment as the title of a table says it."""
     return "an environment that changes" if ":" in text or text.endswith(".nc") else text
 

@@ -236,7 +236,7 @@ class MetricModel:
             own = np.array([row.sample == sample for row in self.rows])
             x = self.design[~own]
             if len(x) <= x.shape[1] or np.linalg.matrix_rank(x) < x.shape[1]:
-                continue  # the strip alone has a level of a factor: nothing tells what to expect of it
+                continue  # the strip alone has a level of a factor: nothing shows what to expect of it
             others = [row for row in self.rows if row.sample != sample]
             if float(np.ptp(self.values[~own])) == 0.0:
                 continue  # the others read the same everywhere, as a channel does that is not connected
@@ -293,7 +293,7 @@ def model_metric(key: str, waveform: str, rows: Sequence[RunRow], factors: Seque
     columns = {
         factor: np.array([_place(factor, row.values[factor.name], ends) for row in used_rows]) for factor in used
     }
-    kept, together = _told_apart(columns)
+    kept, together = _distinguished(columns)
     design = np.column_stack([np.ones(len(used_rows)), *(columns[factor] for factor in kept)])
     values = np.array([row.metrics[key].value for row in used_rows])
     name = key.partition(".")[2]
@@ -317,7 +317,7 @@ def _place(factor: Factor, value: float, ends: Mapping[str, tuple[float, float]]
     return (factor.coordinate(value) - low) / (high - low)
 
 
-def _told_apart(
+def _distinguished(
     columns: Mapping[Factor, FloatArray],
 ) -> tuple[tuple[Factor, ...], dict[str, tuple[str, ...]]]:
     """The factors that have a part of their own, and for those that have none, with which ones they change."""

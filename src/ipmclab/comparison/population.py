@@ -123,14 +123,14 @@ class Population:
             Every one of ``model.factors``.
         """
         row = self.model.row_of(condition)
-        return self._told(*self._sums.expected(self._components, row))
+        return self._known(*self._sums.expected(self._components, row))
 
     def next_strip(self, condition: Mapping[str, float]) -> Known:
         """What a strip that was not measured will read, once, in a mounting of its own, with its 95 % interval."""
         centre, variance = self._sums.expected(self._components, self.model.row_of(condition))
-        return self._told(centre, variance + self._components.sum(axis=1))
+        return self._known(centre, variance + self._components.sum(axis=1))
 
-    def _told(self, centre: FloatArray, variance: FloatArray) -> Known:
+    def _known(self, centre: FloatArray, variance: FloatArray) -> Known:
         low, middle, high = mixture_quantiles(centre, np.sqrt(variance), (0.025, 0.5, 0.975))
         if self.model.is_ratio:
             low, middle, high = (math.exp(min(one, 700.0)) for one in (low, middle, high))
@@ -189,7 +189,7 @@ def population_of(model: MetricModel, *, seed: int = SEED, steps: int = STEPS) -
     return Population(
         model=model,
         scatter=tuple(reversed(scatter)),
-        strip_deviations=_apart(model, sums, components, seed, steps),
+        strip_deviations=_deviations(model, sums, components, seed, steps),
         steps=chains.steps,
         seed=seed,
         _sums=sums,
@@ -342,7 +342,7 @@ def _variances(entries: FloatArray, names: Sequence[str]) -> FloatArray:
     return found
 
 
-def _apart(
+def _deviations(
     model: MetricModel, sums: _Sums, components: FloatArray, seed: int, steps: int
 ) -> tuple[StripDeviation, ...]:
     """Each strip against the posterior of the others: weights take its own readings out of that of all.

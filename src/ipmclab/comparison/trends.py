@@ -159,7 +159,7 @@ def trend_of(key: str, waveform: str, rows: Sequence[RunRow], factor: Factor) ->
     member = np.array([order[groups[place]] for place in kept], dtype=np.intp)
     place = (x - levels[0]) / (levels[-1] - levels[0])
     fits = [_fit(law, place, levels[-1] / levels[0], logs, member) for law in LAWS]
-    # A law for which there are too few runs cannot be excluded by one that asks for less.
+    # A law for which there are too few runs cannot be excluded by one that needs fewer.
     best = min(one.aicc for one in fits) if all(math.isfinite(one.aicc) for one in fits) else math.inf
     fits = [replace(one, aicc=one.aicc - best if math.isfinite(best) else math.inf) for one in fits]
     fits.sort(key=lambda one: (one.aicc, one.held_out))

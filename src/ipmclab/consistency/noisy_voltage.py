@@ -21,7 +21,7 @@ from ipmclab.ties import names_by_size
 
 CODE = "noisy-voltage"
 
-_TELL: Final = 0.5
+_REPORTED_FROM: Final = 0.5
 """Standard errors by which a parameter is moved, from which on it is reported (convention)."""
 
 _FEWEST: Final = 50  # rows of constant voltage, by which its scatter is known (convention)
@@ -69,7 +69,7 @@ def noisy_voltage(fit: Fit, runs: Sequence[Run]) -> list[Finding]:
         slope += weight * _half_gradient(fit.actuator, names, kind)
     covariance = np.array([[fit.covariance[one][other] for other in names] for one in names])
     moved = dict(zip(names, (-covariance @ slope).tolist(), strict=True))
-    return _told(fit, moved, max(scatters))
+    return _reported_of(fit, moved, max(scatters))
 
 
 def _scatter(run: Run) -> tuple[float, FloatArray] | None:
@@ -154,9 +154,9 @@ def _not_applied(deviations: FloatArray, left: FloatArray, answer: FloatArray) -
     return min(share, 1.0) if share > _SURE * error else 0.0
 
 
-def _told(fit: Fit, moved: Mapping[str, float], scatter: float) -> list[Finding]:
+def _reported_of(fit: Fit, moved: Mapping[str, float], scatter: float) -> list[Finding]:
     parts = {name: away / fit.parameters[name].standard_error for name, away in moved.items()}
-    worst = names_by_size({name: part for name, part in parts.items() if abs(part) >= _TELL})
+    worst = names_by_size({name: part for name, part in parts.items() if abs(part) >= _REPORTED_FROM})
     if not worst:
         return []
     text = ", ".join(

@@ -143,7 +143,7 @@ def cluster(address: str, *, patience: float = PATIENCE) -> Iterator[Cluster]:
     if not _ADDRESS.fullmatch(address):
         raise _no_scheduler("this is no address", address)
     with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", message="(?s).*Mismatched versions", category=Warning)  # told below
+        warnings.filterwarnings("ignore", message="(?s).*Mismatched versions", category=Warning)  # reported below
         try:
             client = distributed.Client(address, timeout=ANSWER, set_as_default=False)
         except (OSError, ValueError, TypeError, ImportError) as error:

@@ -58,7 +58,7 @@ def with_slow_modes(
         parameter_values=values,
         standard_uncertainties={n: u for n, u in actuator.standard_uncertainties.items() if n in values},
         sample=actuator.sample,
-        # What the fit left open of the rest is told with the forecast.
+        # What the fit left open of the rest is reported with the forecast.
         fit_table=table_without(actuator.fit_table, [n for n in actuator.parameter_values if n.startswith(prefix)]),
     )
 

@@ -110,8 +110,8 @@ def build_fit(
         for unknown, one in zip(asked, alone, strict=True)
     }
     ambiguous = {name for name, others in elsewhere.items() if others}
-    told_twice = ambiguous | {*beside}
-    nearer = [math.inf if u.name in told_twice else one.error for u, one in zip(asked, alone, strict=True)]
+    reported_twice = ambiguous | {*beside}
+    nearer = [math.inf if u.name in reported_twice else one.error for u, one in zip(asked, alone, strict=True)]
     sharper = as_determined(found, relative, np.array(nearer))
     open_directions = directions(asked, values, found, sharper, problem.records, model, rivals, exact)
     beyond = {n for d in open_directions if math.isinf(d.error) for n, c in d.coefficients.items() if abs(c) > MOVED}

@@ -97,7 +97,7 @@ def estimate(actuator: Actuator, names: FreeParameters, records: Sequence[Prepar
     findings += [found for record in problem.records for found in contradicted_currents(problem, solution, record)]
     findings += unshown_zeros(problem, solution)
     if under.shapes:
-        # Under their noise the readings tell fewer minima apart: all of them are asked again.
+        # Under their noise the readings distinguish fewer minima: all of them are asked again.
         if under.is_weighted:
             rivals = minima.rivals  # the valley is walked again
             if not has_doublet(problem.values(solution.theta, problem.records[0].place)):

@@ -151,7 +151,7 @@ def identify_freed(
     with part("each mounting", 0.0, 0.5):
         each = each_mounting(given, of_these)
     with part("all mountings", 0.5, 1.0):
-        # Where mountings differ, what one value for all leaves asks for no stage.
+        # Where mountings differ, what one value for all leaves needs no stage.
         fit = of_these(every, asked=not differ(each, actuator))
     return with_cross_checks(with_mountings(fit, each) if each else fit, given)
 

@@ -178,7 +178,7 @@ def _local_lines(readings: FloatArray, step: float, width: float) -> FloatArray:
     spread = weights[0] * weights[2] - weights[1] ** 2
     with np.errstate(divide="ignore", invalid="ignore"):
         line = (weights[2] * moments[0] - weights[1] * moments[1]) / spread
-    # A reading that stands alone between gaps stays as it is.
+    # A reading that is alone between gaps stays as it is.
     alone = spread <= 1e-6 * np.maximum(weights[0], 1.0) ** 2
     return middle + np.where(alone, heights, line)
 

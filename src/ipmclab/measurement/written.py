@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-_FEWEST: Final = 3  # readings of which one can lie apart from the others
+_FEWEST: Final = 3  # readings of which one can lie far from the others
 _TIMES: Final = 5.0  # the range of the others, by which a reading lies far from the others
 _SLIP: Final = 0.1  # of the others: a digit or a unit that is wrong moves a reading by at least as much
 _LISTED: Final = 5

@@ -50,7 +50,7 @@ _IN_A_FORM: Final = {
 the field and the code."""
 
 _DAMAGED: Final = "a letter in it is damaged, so that no file can hold it"
-_ANEW: Final = "type it again"
+_AGAIN: Final = "type it again"
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ def check(lab: Lab, draft: Draft) -> Checked:
     is_idle = is_idle_table(table)
     if is_idle:
         table["environment"] |= _AIR
-    damaged = ((key, f"{_DAMAGED}; {_ANEW}") for key in _damaged(draft))
+    damaged = ((key, f"{_DAMAGED}; {_AGAIN}") for key in _damaged(draft))
     for key, value in [*damaged, *_too_long(table), *_outside(lab, table)]:
         errors[key] = value
         _repair(table, key)
@@ -303,7 +303,7 @@ def save(lab: Lab, draft: Draft, *, replace: bool = False) -> Path:
 
     path = lab.new_file(draft.name, ".toml")
     for key in _damaged(draft):
-        raise InputError(f"{BY_KEY[key].label}: {_DAMAGED}", code="damaged-text", where=key, repair=_ANEW)
+        raise InputError(f"{BY_KEY[key].label}: {_DAMAGED}", code="damaged-text", where=key, repair=_AGAIN)
     table = {"folder": _folder(lab), **draft.table()}
     if path.exists():
         try:

@@ -109,7 +109,7 @@ def leave_one_run_out(fit: Fit, *, progress: OnProgress | None = None) -> Fit:
                 stage(f"predicting {label} from the other runs", 0.0, 1.0, 10)
                 found.append(_without(fit, result, record, label))
     others = [finding for finding in fit.findings if finding.code != "run-stands-out"]
-    return changed(fit, left_out=tuple(found), findings=(*others, *_stands_out(fit, found)))
+    return changed(fit, left_out=tuple(found), findings=(*others, *_deviates(fit, found)))
 
 
 def _without(fit: Fit, result: Estimate, record: PreparedRun, label: str) -> LeftOut:
@@ -263,7 +263,7 @@ def _chance(one: LeftOut) -> float:
     return min([one.p_value, *(float(erfc(size / math.sqrt(2.0))) for size in one.standardised.values())])
 
 
-def _stands_out(fit: Fit, runs: Sequence[LeftOut]) -> list[Finding]:
+def _deviates(fit: Fit, runs: Sequence[LeftOut]) -> list[Finding]:
     """That a run is not like the others: of the significant ones that which the others predict worst.
 
     One that is of another strip spoils what the others say of each other, so that those may be as significant.

@@ -134,7 +134,7 @@ def said_of_run(one: RunValidation) -> list[Finding]:
             )
         )
     if one.run.hold == "unknown" and not (begins and one.delay is None):
-        found.append(_told_delay(one))
+        found.append(_delay_in_words(one))
     for name, zero in one.zeros.items():
         amount = f"{CHANNELS[name].to_display(zero):.3g} {CHANNELS[name].display_unit}"
         source = "as in the fit" if one.used_in_fit else "the mean before the voltage first moves"
@@ -164,7 +164,7 @@ def said_of_run(one: RunValidation) -> list[Finding]:
     return found
 
 
-def _told_delay(one: RunValidation) -> Finding:
+def _delay_in_words(one: RunValidation) -> Finding:
     """Where the edges of a foreign record were taken to lie."""
     start = f"{one.label} does not say when its output changed"
     if one.delay is None:

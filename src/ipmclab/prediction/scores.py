@@ -186,7 +186,7 @@ def score(output: str, comparisons: Sequence[Comparison]) -> Score:
     rmse = math.sqrt(squared / samples)
     judged = len(comparisons) == 1 and rmse >= ROUNDING * extent
     correlation, band = autocorrelation(comparisons[0].error) if judged else (np.empty(0), np.empty(0))
-    # The deviations of equal readings from their mean are rounding, not a spread.
+    # The deviations of equal readings from their mean are rounding, not a scatter.
     constant = all(np.ptp(one.measured[one.used]) == 0.0 for one in used)
     return Score(
         output,

@@ -242,7 +242,7 @@ def _follow(procedure: Procedure, all_at_once: bool, step_done: Callable[[Step],
                 )
     ordered = tuple(steps.get(name) or _undone(name, _waits_for(name, steps)) for name in TO_DO)
     if failed:
-        _tell_undone(ordered, steps, step_done)
+        _report_undone(ordered, steps, step_done)
         raise failed[0]
     found = Characterisation(procedure.name, ordered, known, together)
     if together is None:
@@ -251,7 +251,7 @@ def _follow(procedure: Procedure, all_at_once: bool, step_done: Callable[[Step],
     return replace(found, joint=replace(together, fit=fit))
 
 
-def _tell_undone(ordered: Sequence[Step], done: Mapping[str, Step], step_done: Callable[[Step], None]) -> None:
+def _report_undone(ordered: Sequence[Step], done: Mapping[str, Step], step_done: Callable[[Step], None]) -> None:
     """Report the steps that were not carried out."""
     for step in ordered:
         if step.name not in done:

@@ -38,7 +38,7 @@ from ipmclab.units import (
 )
 
 _GIVEN: Final = "value that was given"
-_MOST_BRANCHES: Final = 5  # no record tells more apart (convention; the thesis has 2)
+_MOST_BRANCHES: Final = 5  # no record distinguishes more (convention; the thesis has 2)
 
 T = TypeVar("T")
 
@@ -312,7 +312,7 @@ def _sheet(table: SheetTable, reader: _Reader) -> FourProbes | Uncertain:
                 "sheet_resistance.resistance",
                 name="resistance",
                 source="meter",
-                # The offset of the meter is counted apart: nothing is assumed in addition to the scatter.
+                # The offset of the meter is counted separately: nothing is assumed in addition to the scatter.
                 assume=False,
             ),
             reader.hand(table.spacing, LENGTH, "sheet_resistance.spacing", name="spacing", source="spacing"),

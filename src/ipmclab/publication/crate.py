@@ -116,7 +116,7 @@ def export_crate(
     items = inventory(Path(folder))
     keep_what_is_read(target, [one.path for one in items])
     make = _library()
-    # Beside its destination: a crate of many runs may be larger than what the system has for temporary files.
+    # Next to its destination: a crate of many runs may be larger than what the system has for temporary files.
     hidden = f".{target.name}."
     with (
         replacing(target, overwrite=overwrite) as temporary,

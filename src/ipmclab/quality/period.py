@@ -46,12 +46,12 @@ def periodic_part(run: Run) -> tuple[float, int] | None:
     length = float(run.time[-1] - run.time[0]) * rows / (rows - 1)
     named = _named(run.metadata.signal, length)
     if named is None:
-        return _seen_part(run)
+        return _observed_part(run)
     period, begin, end = named
     return None if begin + period > end * (1.0 + 1e-9) else (period, round(end / length * rows))
 
 
-def _seen_part(run: Run) -> tuple[float, int] | None:
+def _observed_part(run: Run) -> tuple[float, int] | None:
     """``periodic_part`` by the voltage alone."""
     driven = np.flatnonzero(np.abs(run.voltage) >= NO_VOLTAGE)
     period = _seen(run.time, run.voltage) if len(driven) else None

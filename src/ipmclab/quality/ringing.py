@@ -45,7 +45,7 @@ def measured_ringing(record: Record) -> list[Finding]:
         return []
     angle = math.acos(max(-1.0, min(1.0, 0.5 * a / math.sqrt(-b))))
     if angle < math.pi / 8.0:
-        return []  # sixteen rows to a period: seen as it is
+        return []  # sixteen rows to a period: visible as it is
     rate = 1.0 / record.period
     apparent = angle / (2.0 * math.pi) * rate
     amplitude = float(np.abs(bend).max()) / (4.0 * math.sin(angle / 2.0) ** 2) * float(np.abs(heights).max())

@@ -94,7 +94,7 @@ def refit(
         thetas = fits_again(start, _shifts(start, pieces, count), count, engine or Here())
     converged = np.array([theta is not None for theta in thetas], dtype=bool)
     values = {}
-    # Beside the fit itself, which has every name though no other one ends.
+    # In addition to the fit itself, which has every name though no other one ends.
     for name, found in values_of(start.problem, [start.theta, *(one for one in thetas if one is not None)]).items():
         values[name] = np.full(count, np.nan)
         values[name][converged] = found[1:]

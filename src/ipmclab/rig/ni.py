@@ -73,7 +73,7 @@ class NiBench:
         self._zero_from: int | None = None
         self._failure: IpmclabError | None = None
         self._safe = True
-        self._told_danger = False
+        self._reported_danger = False
 
     @property
     def description(self) -> str:
@@ -120,7 +120,7 @@ class NiBench:
         self._output = 0.0
         self._failure = None
         self._safe = True
-        self._told_danger = False
+        self._reported_danger = False
 
     def apply(self, source: Signal | RowSource, rows: int | None = None) -> Iterator[Block]:
         """Give rows out, and read: see ``Bench.apply``. Blocks come as the chassis samples them."""
@@ -263,7 +263,7 @@ class NiBench:
                 self._zero_by_reset(driver, demand, error)
             self._output = 0.0
             self._safe = True
-            self._told_danger = False
+            self._reported_danger = False
 
     def _zero_on_demand(self, demand: OnDemand) -> None:
         timed = self._timed
@@ -299,7 +299,7 @@ class NiBench:
             else:
                 see_zero(driver)
         except IpmclabError as also:
-            self._told_danger = True
+            self._reported_danger = True
             raise self._failed(_not_zeroed(self._failure, also)) from also
 
     def close(self) -> None:
@@ -314,7 +314,7 @@ class NiBench:
             driver, demand = self._driver, self._demand
             if driver is None or demand is None:
                 return
-            was_reported = self._told_danger
+            was_reported = self._reported_danger
             try:
                 self.zero()
             except BenchError:

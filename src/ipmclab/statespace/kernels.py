@@ -15,9 +15,9 @@ IndexArray = npt.NDArray[np.int64]
 
 _STEADY = 1e-14  # of a gain: as far as rounding lets it settle (derived)
 
-_SETTLED = 1e-10  # of a variance: what is searched over it is then smooth far below what the readings tell
+_SETTLED = 1e-10  # of a variance: what is searched over it is then smooth far below what the readings show
 
-_ROUNDING = ROUNDING  # of a column's square: less than that is not left of it beside other columns
+_ROUNDING = ROUNDING  # of a column's square: less than that is not left of it after other columns
 
 
 @kernel

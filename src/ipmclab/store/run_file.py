@@ -162,7 +162,7 @@ def peek(path: str | os.PathLike[str], names: Collection[str]) -> dict[str, str]
 
         with h5py.File(source, "r") as file:
             found = {name: _text(file, name) for name in names if name in file.attrs}
-    except Exception:  # whoever reads the file is told
+    except Exception:  # whoever reads the file learns it
         return {}
     return {name: text for name, text in found.items() if text is not None}
 

@@ -162,7 +162,7 @@ class Sampled:
         if begin > at:
             sequence.fast_forward(begin - at)
         with warnings.catch_warnings():
-            # SciPy sees a part and warns that it is no power of two; the whole is one.
+            # SciPy gets a part and warns that it is no power of two; the whole is one.
             warnings.filterwarnings("ignore", message="The balance properties of Sobol", category=UserWarning)
             points: FloatArray = sequence.random(end - begin)
         self._walked[size] = end, sequence

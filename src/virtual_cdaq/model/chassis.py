@@ -255,7 +255,7 @@ class Chassis:
         """The converter of a new acquisition on a channel."""
         acquisition = self._acquisitions.get(channel.physical, 0)
         self._acquisitions[channel.physical] = acquisition + 1
-        # Of the sensor at the terminal, where the plant tells it: added here, so that it goes by the sample too.
+        # Of the sensor at the terminal, where the plant states it: added here, so that it goes by the sample too.
         sensor = getattr(self.plant, "noise", {}).get(channel.physical, 0.0)
         return Converter(channel, self.seed, acquisition, high_resolution=high_resolution, sensor_noise=sensor)
 

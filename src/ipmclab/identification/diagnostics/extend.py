@@ -24,7 +24,7 @@ from ipmclab.model.declared import is_held
 from ipmclab.model.variants import with_stages
 from ipmclab.run import FloatArray
 
-_EVALUATIONS: Final = 25  # of the model, from where a fit stands: enough to see what a stage would explain
+_EVALUATIONS: Final = 25  # of the model, from where a fit is: enough to see what a stage would explain
 _NEAR: Final = 1e-5  # of the cost
 _BESIDE: Final = 0.1  # of a standard error
 _SAME: Final = 1e-3  # of the cost: two searches that end so near each other have found one minimum

@@ -149,7 +149,7 @@ class Left:
 
         ways = of_voltage(self.problem, self.theta, self.output, bent=bent)
         evidence = self.evidence(ways)
-        # Beside the noise that was found, which may have taken it for its own: half of it shows even then, unless it
+        # With the noise that was found, which may have taken it for its own: half of it shows even then, unless it
         # is far more than the scatter of neighbouring readings.
         chance = float(chdtrc(len(ways), max(evidence.together(self.shapes), 0.0)))
         if chance > _HINT and not self.is_large(self.problem, self.here):

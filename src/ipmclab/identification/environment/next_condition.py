@@ -59,7 +59,9 @@ def next_condition(fit: Fit, problem: Problem, solution: Solution) -> list[Findi
     now = np.sqrt(np.maximum(inverse(information).diagonal(), 0.0))
     after = {
         (humidity, temperature): np.sqrt(
-            np.maximum(inverse(information + _told_by(problem, solution, asked, humidity, temperature)).diagonal(), 0.0)
+            np.maximum(
+                inverse(information + _information_of(problem, solution, asked, humidity, temperature)).diagonal(), 0.0
+            )
         )
         for humidity in HUMIDITIES
         for temperature in TEMPERATURES
@@ -116,7 +118,7 @@ def _range(states: Sequence[RunState]) -> str:
     return " and ".join(f"{low if low == high else f'{low} to {high}'} {unit}" for low, high, unit in ranges)
 
 
-def _told_by(
+def _information_of(
     problem: Problem, solution: Solution, asked: Sequence[int], humidity: float, temperature: float
 ) -> FloatArray:
     """The information of one more run, its water content averaged out."""

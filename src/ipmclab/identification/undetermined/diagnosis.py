@@ -81,7 +81,7 @@ def directions(
         names, covariance, np.where(nameless, 0.0, to_rivals), DETERMINED, _outputs(records)
     )
     if exchanged is not None:
-        # What else is open is told as if the series resistance were known.
+        # What else is open is reported as if the series resistance were known.
         named.append(exchanged[0])
         covariance = exchanged[1]
         errors = np.sqrt(np.maximum(covariance.diagonal(), 0.0))

@@ -118,7 +118,7 @@ _SPREAD = 0.3
 """Part of the electrodes' resistance that a trial of a line spreads; the rest comes before it."""
 
 
-def _partly_spread(values: Numbers) -> dict[str, float]:
+def _partly_distributed(values: Numbers) -> dict[str, float]:
     sheet = values["circuit.sheet_resistance"]
     lumped = float(2.0 * sheet * geometry.squares(values).real)
     before = values["circuit.contact_resistance"] + (1.0 - _SPREAD) * lumped
@@ -127,7 +127,7 @@ def _partly_spread(values: Numbers) -> dict[str, float]:
 
 def _trials(values: Numbers, name: str) -> Iterator[Trial]:
     if not is_there(values, "line.") and values["circuit.sheet_resistance"] > 0.0:
-        yield Trial(name, changes=_partly_spread)
+        yield Trial(name, changes=_partly_distributed)
 
 
 def _modes_trials(values: Numbers, _excitation: Excitation) -> Iterator[Trial]:

@@ -232,10 +232,10 @@ class _Lane:
             return
         assert child.stdin is not None
         assert child.stdout is not None
-        with contextlib.suppress(OSError):  # a worker that died tells so below
+        with contextlib.suppress(OSError):  # a worker that died shows below
             child.stdin.write(pack({"id": job.number, "task": job.task, "arguments": job.arguments}))
             child.stdin.flush()
-        if job.is_cancelled.is_set():  # between the two: the worker before this one may have been told
+        if job.is_cancelled.is_set():  # between the two: the worker before this one may have got it
             self._take_back(job, child)
         with self._limited(job, child):
             if self._answered(job, child.stdout):

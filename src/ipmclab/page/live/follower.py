@@ -63,7 +63,7 @@ class Follower:
         self._next: Recorder | None = None
         self._launching = False
         self._not_before: dict[Path, float] = {}  # when a recorder is joined again: never one that was followed
-        self._answers = self._answers_told = False
+        self._answers = self._answers_sent = False
         self._status: Path | None = None  # of the guardian of the recorder that is followed, or was last
         self._looked = (0.0, 0.0)  # when at that, and at the others
         self._air: dict[str, float] = {}  # the last reading: between two of them the plots hold it
@@ -165,7 +165,7 @@ class Follower:
             recorder = self._joined()
             self._look()
             if recorder is None:
-                if lost is not None and self._told_lost(lost, since):
+                if lost is not None and self._reported_lost(lost, since):
                     lost = None
                 self._ended.wait(_LOOK)
                 continue
@@ -183,14 +183,14 @@ class Follower:
                     if not self._ended.is_set():
                         recorder.close()
 
-    def _told_lost(self, recorder: Recorder, since: float) -> bool:
+    def _reported_lost(self, recorder: Recorder, since: float) -> bool:
         """Say that a recorder is gone; False while it may run and only cannot be reached, which is said as such."""
         if self.may_run:
             if time.monotonic() - since > _AGAIN and self.state.bench != "lost":
                 self._look(at_once=True)
                 self.state.lost("it does not answer, and is tried again", is_gone=False)
             return False
-        aftermath.fate(recorder.file, within=_ACTS)  # what it says later is seen as well
+        aftermath.fate(recorder.file, within=_ACTS)  # what it says later is read as well
         self._look(at_once=True)
         repair = f"ipmclab recover {as_typed(recorder.file.parent.parent)} keeps what it had recorded"
         self.state.lost(f"the recorder's process is gone: {repair}", is_gone=True)
@@ -229,8 +229,8 @@ class Follower:
             return recorder
 
     def _subscribe(self, recorder: Recorder) -> None:
-        self._answers_told = self._answers
-        recorder.request("subscribe", blocks=True, answers=self._answers_told)
+        self._answers_sent = self._answers
+        recorder.request("subscribe", blocks=True, answers=self._answers_sent)
 
     def _searched(self, at_once: bool = False) -> Recorder | None:
         folder = self._folder()
@@ -273,7 +273,7 @@ class Follower:
             if message is not None and message.kind == "block":
                 read = time.monotonic()
             self.state.read_nothing(self._silence(time.monotonic() - read))
-            if self._answers != self._answers_told:
+            if self._answers != self._answers_sent:
                 with self._sending:
                     self._subscribe(recorder)
             if message is None:

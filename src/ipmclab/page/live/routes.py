@@ -55,7 +55,7 @@ def routes(bench: Bench) -> APIRouter:
         bench.seats.come(seat)
         listening = asyncio.create_task(_listen(socket, view))
         try:
-            await _tell(socket, bench, seat, view, listening)
+            await _send(socket, bench, seat, view, listening)
         except (WebSocketDisconnect, RuntimeError, OSError):
             pass  # it is gone
         except asyncio.CancelledError:
@@ -149,7 +149,7 @@ async def _listen(socket: WebSocket, view: View) -> None:
                 view.choose(json.loads(text[:_MOST_TEXT]))
 
 
-async def _tell(socket: WebSocket, bench: Bench, seat: str, view: View, listening: asyncio.Task[None]) -> None:
+async def _send(socket: WebSocket, bench: Bench, seat: str, view: View, listening: asyncio.Task[None]) -> None:
     """Send what is new until the browser is gone. A slow one gets larger pieces, not a queue of small ones."""
     state, sent, pulsed, spoken = bench.follower.state, (-1, -1), (-1, 0.0), 0.0
     while not listening.done():

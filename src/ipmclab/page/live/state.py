@@ -19,7 +19,7 @@ class State:
     """What a recorder has reported so far. Every method may be called from any thread."""
 
     def __init__(self) -> None:
-        self._at: float | None = None  # when what is taken now was told
+        self._at: float | None = None  # when what is taken now was sent
         self._lock = threading.Lock()
         self.version = 0
         """Changes with what happens; readings and progress change only the pulse."""

@@ -87,7 +87,7 @@ class _Form:
         self._curves: str | None = None
         self._left: str | None = None
         self._filling = False
-        self._is_tried = False  # nobody is told off for a field not reached yet
+        self._is_tried = False  # no message for a field not reached yet
 
     def build(self) -> None:
         """Put the form together."""
@@ -97,7 +97,7 @@ class _Form:
         self._choice = ui.select(options, label="Experiment", value=_NEW, on_change=self._choose)
         self._choice.props("dense outlined options-dense").classes("lab-wide")
         with ui.element("div").classes("lab-row lab-remark") as self._back:
-            self._told_back = ui.label().props("role=status")
+            self._reported_back = ui.label().props("role=status")
             ui.button("Drop it", on_click=self._drop).props("outline no-caps dense padding='2px 10px'")
         self._back.set_visibility(False)
         with ui.element("div").classes("lab-fields"):
@@ -176,7 +176,9 @@ class _Form:
             self._unsaved = unsaved
             self._fill(unsaved.draft, unsaved.origin)
         if unsaved.draft != unsaved.base:
-            self._told_back.text = f"As you left it, not saved yet{f'; {unsaved.problem}' if unsaved.problem else '.'}"
+            self._reported_back.text = (
+                f"As you left it, not saved yet{f'; {unsaved.problem}' if unsaved.problem else '.'}"
+            )
             self._back.set_visibility(True)
         await self._look()
 
@@ -261,7 +263,7 @@ class _Form:
             return  # something newer is being looked at
         self._checked = checked
         unnamed = {"sample"} if not self._is_tried and not draft.values["sample"] else set()
-        self._tell_errors({key: text for key, text in checked.errors.items() if key not in unnamed})
+        self._show_errors({key: text for key, text in checked.errors.items() if key not in unnamed})
         store = self._context.workshop.curves
         store.forget(self._left)  # not the ones of just now: the browser may be fetching them
         self._left, self._curves = self._curves, store.add(panels) if panels else None
@@ -270,7 +272,7 @@ class _Form:
         self._preview.update()
         self._summary.text = _summary(checked) if panels else "It is drawn once the fields that are marked are correct."
 
-    def _tell_errors(self, errors: Any) -> None:
+    def _show_errors(self, errors: Any) -> None:
         for key, made in self._inputs.items():
             if isinstance(made, ValidationElement):
                 made.error = errors.get(key)

@@ -212,12 +212,12 @@ class _View:
             )
             _downloads(keys)
         if jobs is not None:
-            await self._tell_findings(asked, *jobs, plot, [panel.as_dict() for panel in panels])
+            await self._show_findings(asked, *jobs, plot, [panel.as_dict() for panel in panels])
             if asked == self._asked:
                 with self._chosen:
                     build_treatment(self._workshop, keys[0], runs[names[0]], self._copied)
 
-    async def _tell_findings(
+    async def _show_findings(
         self, asked: int, job: Job, about: Job, plot: TimePlot, panels: list[dict[str, Any]]
     ) -> None:
         """What the checks say of the one run that is shown: on the plot where it is, and in words."""
@@ -240,9 +240,9 @@ class _View:
         with box:
             text("Findings", tag="h2")
             finding_list(document["findings"])
-        await self._tell_about(asked, about)
+        await self._show_about(asked, about)
 
-    async def _tell_about(self, asked: int, job: Job) -> None:
+    async def _show_about(self, asked: int, job: Job) -> None:
         """What the run says of itself, and its metrics."""
         try:
             document = (await asyncio.wrap_future(job.future)).document

@@ -153,8 +153,8 @@ class Driver(ABC):
     def _regulate(self, asked: Asked, deadline: Deadline) -> None:
         """Set points, then the start, then what it states of both; standby where anything fails."""
         try:
-            self._tell_temperature(asked.temperature, deadline)
-            self._tell_humidity(asked.relative_humidity, deadline)
+            self._send_temperature(asked.temperature, deadline)
+            self._send_humidity(asked.relative_humidity, deadline)
             self._start(deadline)
             self._wait_for(("constant",), deadline)
             stated = self._state(deadline)
@@ -277,11 +277,11 @@ class Driver(ABC):
         """Everything that it states; set points only where it regulates. Raises ChamberError."""
 
     @abstractmethod
-    def _tell_temperature(self, temperature: float, deadline: Deadline) -> None:
+    def _send_temperature(self, temperature: float, deadline: Deadline) -> None:
         """Give it a set point [degC]. Raises ChamberError."""
 
     @abstractmethod
-    def _tell_humidity(self, relative_humidity: float | None, deadline: Deadline) -> None:
+    def _send_humidity(self, relative_humidity: float | None, deadline: Deadline) -> None:
         """Give it a set point [percent], or none. Raises ChamberError."""
 
     @abstractmethod

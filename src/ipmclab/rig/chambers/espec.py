@@ -64,10 +64,10 @@ class Espec(Driver):
                 repair="set it to degC at its panel",
             )
 
-    def _tell_temperature(self, temperature: float, deadline: Deadline) -> None:
+    def _send_temperature(self, temperature: float, deadline: Deadline) -> None:
         self._command(f"TEMP,S{temperature:.1f}", deadline)
 
-    def _tell_humidity(self, relative_humidity: float | None, deadline: Deadline) -> None:
+    def _send_humidity(self, relative_humidity: float | None, deadline: Deadline) -> None:
         if relative_humidity is not None:
             self._command(f"HUMI,S{relative_humidity:.{self.humidity_digits}f}", deadline)
         elif self._ranges.relative_humidity is not None:

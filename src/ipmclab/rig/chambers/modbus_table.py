@@ -71,10 +71,10 @@ class ModbusTable(Driver):
             return "constant"
         raise garbled(self.where, f"{state} as what it does")
 
-    def _tell_temperature(self, temperature: float, deadline: Deadline) -> None:
+    def _send_temperature(self, temperature: float, deadline: Deadline) -> None:
         self._put(self._table.temperature.set_point, temperature, deadline)
 
-    def _tell_humidity(self, relative_humidity: float | None, deadline: Deadline) -> None:
+    def _send_humidity(self, relative_humidity: float | None, deadline: Deadline) -> None:
         if self._table.relative_humidity is not None and relative_humidity is not None:
             self._put(self._table.relative_humidity.set_point, relative_humidity, deadline)
 

@@ -82,11 +82,11 @@ class ScpiTable(Driver):
                 repair="set it to degC",
             )
 
-    def _tell_temperature(self, temperature: float, deadline: Deadline) -> None:
+    def _send_temperature(self, temperature: float, deadline: Deadline) -> None:
         self._check_unit(deadline)
         self._command(self._table.temperature.tell.format(value=temperature), deadline)
 
-    def _tell_humidity(self, relative_humidity: float | None, deadline: Deadline) -> None:
+    def _send_humidity(self, relative_humidity: float | None, deadline: Deadline) -> None:
         quantity = self._table.relative_humidity
         if quantity is None:
             return

@@ -114,7 +114,7 @@ class ChamberWatch:
         try:
             self._chamber.set(temperature, relative_humidity)
         except IpmclabError as error:
-            if isinstance(error, InputError) or error.code == "chamber-in-use":  # it was told nothing
+            if isinstance(error, InputError) or error.code == "chamber-in-use":  # it got no command
                 self._is_ours = was_ours
                 if self._keeper is not None and not was_ours:
                     self._keeper(False)
@@ -232,7 +232,7 @@ class ChamberWatch:
                     self._later.get()()
                 self._read()
             except Exception as error:  # a thread that died would leave a chamber that nobody watches
-                self._tell(_as_chamber_error(error))
+                self._report(_as_chamber_error(error))
             ended.wait(max(0.05, PERIOD - (self._clock() - began)))
 
     def _look(self) -> None:
@@ -257,7 +257,7 @@ class ChamberWatch:
             problem = self._doubt(conditions)
         self.on_reading(conditions)
         if problem is not None:
-            self._tell(problem)
+            self._report(problem)
 
     def _await_answer(self) -> None:
         """Where the last reading failed: wait until one comes, or silence is reported. Raises ChamberError.
@@ -271,7 +271,7 @@ class ChamberWatch:
     def _judge_silence(self) -> None:
         silent = self._clock() - self._heard
         if silent >= SILENT:
-            self._tell(_lost(self._failure or _UNHEARD, silent))
+            self._report(_lost(self._failure or _UNHEARD, silent))
 
     def _doubt(self, conditions: Conditions) -> ChamberError | None:
         """What is wrong with a chamber that answers, once it has been so in two readings."""
@@ -282,7 +282,7 @@ class ChamberWatch:
         self._odd = (said, self._odd[1] + 1 if said == self._odd[0] else 1)
         return error if self._odd[1] >= _TWICE else None
 
-    def _tell(self, problem: ChamberError) -> None:
+    def _report(self, problem: ChamberError) -> None:
         with self._lock:
             if self._problem is not None:
                 return

@@ -291,7 +291,7 @@ class OnDemand:
 def _set_clock(driver: Driver, task: Any, rate: float, source: str, buffered: int, what: str) -> None:
     """Continuous sampling on a clock, unless the modules are too slow for it."""
     continuous = driver.client.constants.AcquisitionType.CONTINUOUS
-    # The modules tell their highest rate only once there is a rate, and refuse one that is too high.
+    # The modules report their highest rate only once there is a rate, and refuse one that is too high.
     for wanted in dict.fromkeys((min(rate, _SLOW), rate)):
         task.timing.cfg_samp_clk_timing(wanted, source=source, sample_mode=continuous, samps_per_chan=buffered)
         most = task.timing.samp_clk_max_rate

@@ -126,7 +126,7 @@ class Archive:
         self.recorded.append(recorded)
         self._operator.tell(Message("recorded", recorded.as_dict()))
         if recorded.state == "complete" and planned.rows <= _MOST_CHECKED and planned.pair_id is not None:
-            self._tell_pair(planned.pair_id, planned.repeat, recorded.path)
+            self._report_pair(planned.pair_id, planned.repeat, recorded.path)
         return recorded
 
     def _look_at(self, path: Path, rows: int) -> tuple[Run | None, list[Finding]]:
@@ -143,7 +143,7 @@ class Archive:
             self._note(f"{type(error).__name__}: {error}: {later}")
             return run, []
 
-    def _tell_pair(self, pair_id: str, repeat: int | None, path: Path) -> None:
+    def _report_pair(self, pair_id: str, repeat: int | None, path: Path) -> None:
         """What the two polarities have in common, once both are there."""
         first = self._first_of_pair.pop((pair_id, repeat), None)
         if first is None:

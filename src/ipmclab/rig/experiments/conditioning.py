@@ -107,11 +107,11 @@ class Conditioning:
         self._most: dict[str, float] = {}
         self._still_since: float | None = None
         self._resumes = False
-        self._told = self._told_reading = 0.0
+        self._told = self._reported_reading = 0.0
         self.known: dict[str, Any] = {}
         """What a run is to say of its environment."""
         if chamber is not None:
-            chamber.on_reading = self._tell_reading
+            chamber.on_reading = self._report_reading
             chamber.on_problem = lambda problem: self._desk.abort(str(problem))
 
     @property
@@ -181,7 +181,7 @@ class Conditioning:
         self._recent, self._most, self._still_since, self._resumes = {}, {}, None, False
         yield
         if not self._desk.is_over():  # what is over, also by an error, ends in standby and sets no chamber to work
-            # Where it fails the chamber is in standby and nothing is still: the next readings tell.
+            # Where it fails the chamber is in standby and nothing is still: the next readings show it.
             with suppress(ChamberError):
                 self._chamber.resume()
         self._still_for = seconds
@@ -248,7 +248,7 @@ class Conditioning:
 
         def on_air(air: Air) -> bool:
             nonlocal noted
-            self._tell_waiting(air, environment, settle)
+            self._report_waiting(air, environment, settle)
             if air.time - noted >= _NOTED:
                 noted = air.time
                 self._desk.note(f"{air}, within tolerance for {air.settled_for:.0f} s", passing=True)
@@ -257,25 +257,25 @@ class Conditioning:
         air = wait_for_equilibrium(
             self._bench, environment, limits_watched, on_air, chamber=self._chamber, limits=self._limits, settle=settle
         )
-        self._tell_waiting(air, environment, settle, last=True)
+        self._report_waiting(air, environment, settle, last=True)
         self._clock.passed(air.time, since=began)
         for name in AIR:
             value = getattr(air, name)
             if value is not None:
                 self.known[name] = self._base[name] = value
 
-    def _tell_waiting(self, air: Air, environment: TargetEnvironment, settle: float, *, last: bool = False) -> None:
+    def _report_waiting(self, air: Air, environment: TargetEnvironment, settle: float, *, last: bool = False) -> None:
         if last or time.monotonic() - self._told >= _TOLD:
             self._told = time.monotonic()
             progress = {"waited": air.time, "longest": environment.longest_wait, "settled_for": air.settled_for}
             read = {name: getattr(air, name) for name in AIR if getattr(air, name) is not None}
             self._desk.tell(Message("equilibrium", {**progress, "settle": settle, "is_over": last, **read}))
 
-    def _tell_reading(self, conditions: Conditions) -> None:
+    def _report_reading(self, conditions: Conditions) -> None:
         """In the thread that reads the chamber."""
-        if time.monotonic() - self._told_reading < _TOLD:
+        if time.monotonic() - self._reported_reading < _TOLD:
             return
-        self._told_reading = time.monotonic()
+        self._reported_reading = time.monotonic()
         progress = {
             "temperature": conditions.temperature,
             "relative_humidity": conditions.relative_humidity,

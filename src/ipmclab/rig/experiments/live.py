@@ -12,7 +12,7 @@ from ipmclab.rig.recording.keeping import Rows
 from ipmclab.rig.recording.slow import Air
 from ipmclab.run import Mark
 
-_PROGRESS_TOLD: Final = 0.2
+_BETWEEN_REPORTS: Final = 0.2
 """How often [s] it is reported how far a run has come."""
 
 
@@ -30,8 +30,8 @@ class Live:
         """Some rows were read."""
         self._seen = rows.first_row + len(rows)
         self._operator.tell(Message("block", {"first_row": rows.first_row}, dict(rows.values)))
-        if time.monotonic() - self._told > _PROGRESS_TOLD:
-            self._tell()
+        if time.monotonic() - self._told > _BETWEEN_REPORTS:
+            self._report()
 
     def air(self, air: Air) -> None:
         """The air around the strip was read."""
@@ -46,14 +46,14 @@ class Live:
         """An operator, or a limit, is ``ending`` the run, which will have so many rows."""
         self._rows = rows
         self._operator.tell(Message("event", {**_told(mark), "ending": ending}))
-        self._tell()
+        self._report()
 
     def committed(self, acknowledged: int) -> None:
         """So many rows are on the disk."""
         self._safe = acknowledged
-        self._tell()
+        self._report()
 
-    def _tell(self) -> None:
+    def _report(self) -> None:
         self._told = time.monotonic()
         progress = {"rows": self._seen, "acknowledged": self._safe, "of": self._rows}
         self._operator.tell(Message("progress", progress))

@@ -159,7 +159,7 @@ class Session:
                 self._do(step)
         except BaseException:
             self._safe()
-            with contextlib.suppress(IpmclabError):  # what failed first is told
+            with contextlib.suppress(IpmclabError):  # what failed first is reported
                 self._air.leave()
             raise
         else:
@@ -260,7 +260,7 @@ class Session:
             if self._mounting is not None:
                 return
             self.note(f"no earlier mounting of {self._experiment.sample.id} is known here: it gets a new id")
-        # Its date tells people which clamping it was, the rest keeps two rigs apart.
+        # Its date shows people which clamping it was, the rest distinguishes two rigs.
         self._mounting = f"{datetime.now():%Y%m%d-%H%M%S}-{uuid4().hex[:4]}"
 
     def _rest(self, seconds: float) -> None:
@@ -372,7 +372,7 @@ class Session:
                 journal=lambda header: self._archive.begin(header, live, word),
                 control=control,
                 heartbeat=self._guardian,
-                listeners=Listeners(live.block, live.mark, on_end, on_air, self._tell_preload),
+                listeners=Listeners(live.block, live.mark, on_end, on_air, self._report_preload),
                 finish=self._tare_again if force and self._tares else None,
             )
         except BaseException:
@@ -425,7 +425,7 @@ class Session:
         self._clock.passed(self._experiment.zero_time, since=began)
         self.note(f"tare {1e3 * tare.value:.3g} mN")
 
-    def _tell_preload(self, preload: ZeroReading) -> None:
+    def _report_preload(self, preload: ZeroReading) -> None:
         drift = f", drifts by {1e6 * preload.drift:.2g} uN/s" if preload.drift is not None else ""
         self.note(f"preload {1e3 * preload.value:.3g} mN{drift}", passing=True)
 

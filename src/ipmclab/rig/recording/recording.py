@@ -215,7 +215,7 @@ class Recording:
                     self._heartbeat.explain(failure)
                 if self._listeners.on_mark is not None:  # at once: a frozen chassis takes long to be brought to 0 V
                     self._listeners.on_mark(Mark(self._time, str(error), "bench"))
-            finally:  # also when the program is asked to end: an output that is not at 0 V is told all the same
+            finally:  # also when the program is asked to end: an output that is not at 0 V is reported all the same
                 first_error, error = error, self._zero(error)
                 about = self._about.after(about)
                 if error is not None:
@@ -287,7 +287,7 @@ class Recording:
                 self._alarm(alarm)
             for request in self._control.take():
                 self._ask(request.kind, request.text)
-        except BaseException:  # such as an output that could not be brought to 0 V: that is told, not a full disk
+        except BaseException:  # such as an output that could not be brought to 0 V: that is reported, not a full disk
             with suppress(IpmclabError):
                 self._keep(rows, slow, values)
             raise
@@ -329,7 +329,7 @@ class Recording:
         if is_end:
             self.alarm = alarm
             self._fail(str(alarm))
-            self._zero_and_go_on(self._discharge_rows)
+            self._zero_and_continue(self._discharge_rows)
         self._mark(Mark(alarm.time, str(alarm), "limit"), is_end=is_end)
 
     def _ask(self, kind: str, text: str) -> None:
@@ -340,16 +340,16 @@ class Recording:
             if self._guard.is_zeroed:
                 return
             text = self.reason = f"stopped by the operator at {self._time:.6g} s"
-            self._zero_and_go_on(min(self._rest_rows, self._rows - self._next_row))
+            self._zero_and_continue(min(self._rest_rows, self._rows - self._next_row))
         else:  # also while a rest or a discharge is being recorded
             self._hurried = True
             self._fail(text)
-            self._zero_and_go_on(self._discharge_rows)
+            self._zero_and_continue(self._discharge_rows)
             if kind == "abort":
                 self._last_row = self._next_row
         self._mark(Mark(self._time, text, "stop"), is_end=True)
 
-    def _zero_and_go_on(self, more: int) -> None:
+    def _zero_and_continue(self, more: int) -> None:
         """Bring the output to 0 V, and record so many rows more."""
         self._hold(ZEROING_TIME)
         self._bench.zero()

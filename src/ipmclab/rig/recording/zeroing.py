@@ -303,7 +303,7 @@ def uncertainties(channels: Iterable[Channel], zeros: Iterable[ZeroReading]) -> 
         for kind in {zero.kind for zero in of_channel}:
             before = [zero for zero in of_channel if zero.kind == kind and zero.when == "before"]
             after = [zero for zero in of_channel if zero.kind == kind and zero.when == "after"]
-            # The tare tells where there is no contact: its change is that of the sensor, and so in the preload too.
+            # The tare shows where there is no contact: its change is that of the sensor, and so in the preload too.
             if kind == "tare" or not channel.zeroed:
                 continue
             if before:

@@ -137,7 +137,7 @@ class GuardedBench:
         if isinstance(source, SignalRows):
             self._limits.refuse(source.signal, source.length / rate, rate)
             most, output = self._limits.voltage.most, self.rig.output
-            if output.low > -most or output.high < most:  # otherwise it gives all that the strip stands
+            if output.low > -most or output.high < most:  # otherwise it gives all that the strip withstands
                 check_rows(self.rig, source, rate)
 
     def apply(self, source: Signal | RowSource, rows: int | None = None, *, more: int = 0) -> Iterator[Block]:
@@ -238,7 +238,7 @@ class GuardedBench:
         try:
             yield
         except BaseException:
-            with suppress(IpmclabError):  # what failed first is what is told
+            with suppress(IpmclabError):  # what failed first is what is reported
                 self.zero()
             raise
 
@@ -253,7 +253,7 @@ class GuardedBench:
                 repair="open the bench again before another voltage is given out",
             )
         with self._lock:
-            if self._opened is not None:  # first, so that an output that cannot be brought to 0 V is told later as well
+            if self._opened is not None:  # first, so that an output not at 0 V is reported later too
                 self._opened[1].zeroed()
             self._bench.zero()
 

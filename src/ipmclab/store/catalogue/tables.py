@@ -43,7 +43,7 @@ run = Table(
     Column("content_sha256", Text, index=True),
     Column("state", Text),
     Column("state_reason", Text),
-    # The laboratory that it was last seen in, or where it is being recorded.
+    # The laboratory that it was last found in, or where it is being recorded.
     Column("home", Text),
     Column("recorded_at", Text),
     Column("recorded", _DOUBLE, index=True),  # s since 1970
@@ -92,7 +92,7 @@ file = Table(
     Column("mtime_ns", BigInteger, nullable=False),
     Column("sha256", Text),
     Column("run_id", _INTEGER, ForeignKey("ipmclab_run.id", ondelete="CASCADE"), index=True),
-    # Whether it stands for its run: one of several copies, a sound one where there is one.
+    # Whether it represents its run: one of several copies, a sound one where there is one.
     Column("shown", Boolean, nullable=False, default=False),
     Column("problem_code", Text),
     Column("problem", Text),

@@ -19,7 +19,7 @@ from ipmclab.run import RunMetadata
 BALLAST: Final = 64 << 20
 """Bytes that are held back while a run is recorded, so that on a full disk it can still be ended and finished."""
 
-_ROOM_FACTOR: Final = 1.3  # the journal, and the run file beside it: at most 0.3 of it with the 16 bits of a converter
+_ROOM_FACTOR: Final = 1.3  # the journal, and the run file with it: at most 0.3 of it with the 16 bits of a converter
 _LONGEST_WORD: Final = 40
 
 
