@@ -69,7 +69,7 @@ def need_as_fitted(fit: Fit) -> None:
     """
     if why := why_changed(fit):
         raise InputError(
-            f"{why}: how sure it was says nothing of this actuator",
+            f"{why}: its uncertainty does not hold for this actuator",
             code="changed-since-fit",
             where="fit",
             repair="identify again with these values, or take the file as identify wrote it",

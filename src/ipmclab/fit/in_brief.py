@@ -305,7 +305,7 @@ def _plain(finding: Finding) -> str:
             start, stop = finding.samples[0]
             return f"no current flows from row {start} to row {stop - 1}, so the fit takes the voltage as 0 V there"
         case "current-rises" if "hidden" in values:
-            return "the current rises at constant voltage; the leak that grows of this model does not show"
+            return "the current rises at constant voltage; the growing leak of this model is not visible"
         case "current-rises":
             return "the current rises at constant voltage, which only a leak that grows (leak.slow) can follow"
         case "model-incomplete":

@@ -95,9 +95,9 @@ def said_of_run(one: RunValidation) -> list[Finding]:
         Finding(
             "sign-turned",
             "warning",
-            f"{one.label}: the {CHANNELS[name].name} goes the other way than predicted, and minus the prediction "
-            "follows it: its sign is turned, here or in the runs of the fit",
-            repair="turn the sign of this channel in the import map or the rig file, of the record that is wrong",
+            f"{one.label}: the {CHANNELS[name].name} goes the other way than predicted, and the negative of the "
+            "prediction follows it: its sign is reversed, here or in the runs of the fit",
+            repair="reverse the sign of this channel in the import map or the rig file, of the record that is wrong",
             channel=name,
         )
         for name in turned_outputs(one)
@@ -142,7 +142,7 @@ def said_of_run(one: RunValidation) -> list[Finding]:
             Finding(
                 "zero-taken-off",
                 "info",
-                f"{one.label}: {amount} of {name}, {source}, was taken off as the sensor's zero",
+                f"{one.label}: {amount} of {name}, {source}, was subtracted as the sensor's zero",
                 channel=name,
                 values={"zero": zero},
             )
@@ -171,11 +171,11 @@ def _delay_in_words(one: RunValidation) -> Finding:
         return Finding(
             "no-edge-shown",
             "info",
-            f"{start}, and its voltage shows no edge: the strip was taken to see it at its rows",
+            f"{start}, and its voltage shows no edge: the voltage is assumed to act at its rows",
             repair="keep some rows before the first edge when cutting a record",
         )
     side = "before" if one.delay < 0 else "after"
-    text = f"{start}: the strip was taken to see the voltage {abs(one.delay) * 1e3:.3g} ms {side} its row"
+    text = f"{start}: the voltage is assumed to act {abs(one.delay) * 1e3:.3g} ms {side} its row"
     if one.used_in_fit:
         return Finding("delay-of-the-fit", "info", f"{text}, as in the fit", values={"delay": one.delay})
     at_end = abs(one.delay) * one.run.rate > LONGEST_DELAY - 0.1

@@ -154,7 +154,7 @@ def validate(actuator: Actuator | Fit, runs: Sequence[Run] | Run, *, used: Itera
         findings.append(Finding(wrong.code, "warning", said, wrong.repair))
     elif fit is not None and (why := why_changed(fit)):
         fit = None
-        said = f"{why}: how sure it was says nothing of this actuator, and there is no 95 % band"
+        said = f"{why}: its uncertainty does not hold for this actuator, and there is no 95 % band"
         repair = "identify again with these values, or take the file as identify wrote it"
         findings.append(Finding("changed-since-fit", "warning", said, repair))
     for place, (run, label) in enumerate(zip(given, labels, strict=True)):

@@ -145,7 +145,8 @@ def _causes(fresh: Sequence[RunValidation], missed: Sequence[tuple[str, str, flo
         which = _listed([f"the {CHANNELS[output].name} of {label}" for output, label in turned])
         said.append(
             f"{which[0].upper()}{which[1:]} {'goes' if len(turned) == 1 else 'go'} the other way than predicted, and "
-            "minus the prediction follows: the sign of the channel is turned, in this record or in the runs of the fit."
+            "the negative of the prediction follows: the sign of the channel is reversed, in this record or in the "
+            "runs of the fit."
         )
     if begin:
         said.append(

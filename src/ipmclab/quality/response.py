@@ -97,7 +97,7 @@ def opposite_response(record: Record) -> list[Finding]:
                     )
                     + (", as the reversed polarity of the run explains" if reversed_drive else "")
                 ),
-                repair="turn the sign of this channel (or of the voltage) in the import map or the rig file",
+                repair="reverse the sign of this channel (or of the voltage) in the import map or the rig file",
             )
         )
     return found
