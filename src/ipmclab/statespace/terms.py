@@ -30,7 +30,7 @@ class Terms:
     walk : bool
         A level that walks at random.
     white : bool
-        White noise in addition to an autoregression (noise of order 0 is white by itself).
+        White noise beside an autoregression (noise of order 0 is white by itself).
     offset, trend : bool
         Unknown constants of the run: a level, and its slope over time.
 
@@ -154,8 +154,8 @@ def state_space(terms: Terms, entries: FloatArray) -> StateSpace:
         transition[0, :order] = coefficients
         transition[range(1, order), range(order - 1)] = 1.0
         drive[0, 0], seen[0] = 1.0, 1.0
-        lags = np.abs(np.arange(order)[:, None] - np.arange(order))
-        start[:order, :order] = covariances[lags]
+        apart = np.abs(np.arange(order)[:, None] - np.arange(order))
+        start[:order, :order] = covariances[apart]
     if terms.walk:
         # It starts at 0: where it starts is the unknown offset that goes with it.
         transition[-1, -1], seen[-1] = 1.0, 1.0
