@@ -53,7 +53,7 @@ def test_the_list_is_gone_through_with_the_dummy_load(tmp_path: Path, command: C
 
         item = _unplugged(load_rig(path), str(path), 1.0, simulated=False, ask=ask)
         assert _unplugged(load_rig(path), str(path), 1.0, simulated=False, ask=None).status == "not done"
-    assert (item.status, item.seen) == ("noted", "1 V by the voltmeter; the program had not noticed yet")
+    assert (item.status, item.found) == ("noted", "1 V by the voltmeter; the program had not noticed yet")
     assert "emergency stop" in item.repair
     assert "'1,0 V' has a comma" in asked[2]
     assert outcome.status == 0, outcome.out
