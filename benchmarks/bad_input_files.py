@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 
 import ipmclab
 from ipmclab.procedure.template import TEMPLATE as PROCEDURE
-from ipmclab.rig.experiments.experiment import TEMPLATE as EXPERIMENT
+from ipmclab.rig.experiments.experiment_file import TEMPLATE as EXPERIMENT
 from ipmclab.run import RunMetadata
 from ipmclab.sample import Sample
 from ipmclab.store.journal.journal import Journal, JournalHeader

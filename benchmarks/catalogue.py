@@ -34,7 +34,7 @@ from ipmclab.store.catalogue.catalogue import Catalogue, Range, RunQuery
 from ipmclab.store.run_file import write_run
 from tests.store.catalogue.postgres import cluster, programs
 
-SOURCES = ("src/ipmclab/store", "src/ipmclab/run.py")
+SOURCES = ("src/ipmclab/store", "src/ipmclab/run")
 
 LIMIT = 0.1
 """Of a question [s]."""

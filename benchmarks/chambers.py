@@ -39,7 +39,7 @@ from ipmclab.rig.chambers.settings import ChamberSettings
 from ipmclab.rig.chambers.watch import ChamberWatch
 from ipmclab.rig.channels import THESIS_RIG
 from ipmclab.rig.experiments import archive
-from ipmclab.rig.experiments.experiment import experiment_from_table
+from ipmclab.rig.experiments.experiment_file import experiment_from_table
 from ipmclab.rig.experiments.plan import make_plan
 from ipmclab.rig.experiments.session import Session
 from ipmclab.rig.process.messages import Message

@@ -151,7 +151,7 @@ def run_trials(case: Case, trials: int) -> Tally:
         tally.seconds += time.process_time() - begin
         tally.trials += 1
         against = choice.to_best(case.truth)
-        told = against is not None and against.is_told
+        told = against is not None and against.is_distinguished
         tally.picked += choice.preferred == case.truth
         tally.ruled_out += told
         tally.alike += choice.preferred != case.truth and not told

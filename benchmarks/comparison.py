@@ -101,7 +101,7 @@ def counted(design: Design, trials: int) -> Iterator[str]:
         forecast += following[1][0] <= further.metrics["displacement.largest"].value <= following[1][1]
         if told < trials // 4:
             told += 1
-            named += any(one.is_unlike for one in model.strips_apart())
+            named += any(one.is_unlike for one in model.strip_deviations())
     cells = [held["thickness"], held["loading"], held["humidity"], found, forecast]
     shown = " | ".join(f"{100.0 * cell / judged:.1f} %" for cell in cells)
     yield f"| {design.name} | {judged} | {shown} | {100.0 * named / told:.1f} % |"
@@ -129,7 +129,7 @@ def sampled(design: Design, trials: int) -> str:
         for place, (low, high) in enumerate(ends):
             held[place] += low <= truth <= high
         wide.append(math.log(ends[0][1] / ends[0][0]) / math.log(ends[1][1] / ends[1][0]))
-        for place, each in enumerate((found.strips_apart, model.strips_apart())):
+        for place, each in enumerate((found.strip_deviations, model.strip_deviations())):
             named[place] += any(one.is_unlike for one in each)
     shares = [100.0 * one / max(told, 1) for one in (*held, *named)]
     return (

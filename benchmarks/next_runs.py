@@ -25,10 +25,11 @@ from ipmclab import Actuator, Allowance, Fit, Run, identify, load_actuator, prop
 from ipmclab.confidence import NORMAL_95
 from ipmclab.planning.answer import FittedStrip
 from ipmclab.planning.candidates import REST_BEFORE, Candidate
-from ipmclab.planning.information import told_by
+from ipmclab.planning.information import information_of
 from ipmclab.planning.knowledge import Knowledge
 from ipmclab.planning.run_noise import RunNoise
-from ipmclab.rig.safety.limits import Limit, Limits
+from ipmclab.rig.safety.limit import Limit
+from ipmclab.rig.safety.limits import Limits
 from ipmclab.signals import parse
 
 SOURCES = (
@@ -131,7 +132,7 @@ class Truth:
 
     def after(self, known: Knowledge, candidate: Candidate) -> Knowledge:
         """What is known after a run."""
-        return known.after(told_by(self._strip.answer(candidate, RATE), self._noise, RATE))
+        return known.after(information_of(self._strip.answer(candidate, RATE), self._noise, RATE))
 
     def estimate(self, known: Knowledge, generator: np.random.Generator) -> Fit:
         """What a fit of the runs so far could find."""
@@ -239,7 +240,7 @@ def whole_way(strips: int) -> Iterator[str]:
         after = Knowledge.of(asked)
         noise = {output: RunNoise.of(known, output) for output in asked.outputs}
         for run in propose_runs(known, minutes=25.0, allowed=bench).runs:
-            after = after.after(told_by(asked.answer(run.candidate, RATE), noise, RATE))
+            after = after.after(information_of(asked.answer(run.candidate, RATE), noise, RATE))
             runs.append(read(strip, run.candidate, generator))
             time += run.time
             if precision(after) <= target:

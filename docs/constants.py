@@ -14,6 +14,7 @@ from typing import Final
 
 SOURCE: Final = Path(__file__).resolve().parents[1] / "src" / "ipmclab"
 ROOMS: Final = (
+    "quality",
     "identification",
     "fit",
     "statespace",
@@ -25,6 +26,13 @@ ROOMS: Final = (
     "posterior",
     "consistency",
     "procedure",
+)
+
+WITH_ORIGIN: Final = ("quality", "consistency", "forecasting", "prediction")
+"""Rooms whose numbers decide what a user is told: each of theirs also says where it comes from."""
+_ORIGIN: Final = re.compile(
+    r"\bconvention\b|\bderived\b|\ba limit\b|physical constant|data sheet|literature|\bthesis\b|\(Friend, |\bMATLAB\b"
+    r"|\bmeasured\b|benchmark|\(`\w+`[^)]*\)|\b[A-Z]\w+(?: and [A-Z]\w+| and others)? (?:19|20)\d\d\b"
 )
 
 
@@ -45,6 +53,11 @@ class Constant:
     value: str
     words: str
 
+    @property
+    def has_origin(self) -> bool:
+        """Whether the words say where it comes from: derived, measured, a convention, a limit, or a publication."""
+        return _ORIGIN.search(self.words) is not None
+
 
 def constants_of(room: str, source: Path = SOURCE) -> Iterator[Constant]:
     """Every such constant of a room, file by file.
@@ -59,6 +72,8 @@ def constants_of(room: str, source: Path = SOURCE) -> Iterator[Constant]:
             if value is None or not _is_set_by_hand(name, value):
                 continue
             words = _comment(lines, node) or _docstring(tree, number)
+            if node.end_lineno != node.lineno:  # comments within it say what its entries are
+                words = _docstring(tree, number) or words
             shown = " ".join(ast.unparse(value).split())
             where = path.relative_to(source).as_posix()
             yield Constant(where, node.lineno, name, shown if len(shown) < 60 else f"{shown[:57]}...", words)

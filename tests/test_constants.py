@@ -29,6 +29,25 @@ def test_every_number_says_what_it_is(constants: ModuleType) -> None:
     assert [f"{one.file}:{one.line} {one.name}" for one in every if len(one.words) < 6] == []
 
 
+def test_every_number_that_decides_a_message_says_where_it_comes_from(constants: ModuleType) -> None:
+    every = [one for room in constants.WITH_ORIGIN for one in constants.constants_of(room)]
+    assert len(every) > 100
+    assert [f"{one.file}:{one.line} {one.name}" for one in every if not one.has_origin] == []
+
+
+def test_words_without_an_origin_are_found(constants: ModuleType, tmp_path: Path) -> None:
+    (tmp_path / "room").mkdir()
+    (tmp_path / "room" / "one.py").write_text(
+        "BARE = 1.0  # rows of a mean\n"
+        "CHOSEN = 2.0  # rows of a mean (convention)\n"
+        "BOUND = 3  # rows at most: a limit\n"
+        "FOUND = 0.1  # of the range (`fuzz`)\n",
+        "utf-8",
+    )
+    found = {one.name: one.has_origin for one in constants.constants_of("room", tmp_path)}
+    assert found == {"BARE": False, "CHOSEN": True, "BOUND": True, "FOUND": True}
+
+
 def test_words_are_found_behind_above_and_below(constants: ModuleType, tmp_path: Path) -> None:
     (tmp_path / "room").mkdir()
     (tmp_path / "room" / "one.py").write_text(

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from ipmclab import Run, identify, load_actuator, simulate
-from ipmclab.progress import aside, part, stage, telling, tick
+from ipmclab.progress import aside, part, reporting_to, stage, tick
 
 
 class Stopped(Exception):
@@ -62,7 +62,7 @@ def test_what_was_ended_stays_ended_even_if_somebody_caught_it() -> None:
     def stop(sentence: str, _: float) -> None:
         raise Stopped(sentence)
 
-    with telling(stop):
+    with reporting_to(stop):
         with pytest.raises(Stopped):
             stage("searching", 0.0, 1.0)
         with pytest.raises(Stopped):
@@ -71,8 +71,8 @@ def test_what_was_ended_stays_ended_even_if_somebody_caught_it() -> None:
 
 def test_a_part_stays_within_its_own_share_of_the_whole() -> None:
     told: list[tuple[str, float]] = []
-    with telling(lambda *one: told.append(one)):
-        with part("without the first run", 0.5, 0.7), telling(None):
+    with reporting_to(lambda *one: told.append(one)):
+        with part("without the first run", 0.5, 0.7), reporting_to(None):
             stage("searching", 0.0, 0.5)
             stage("done", 1.0, 1.0)
         stage("at the end", 0.9, 1.0)
@@ -91,7 +91,7 @@ def test_what_is_said_aside_gives_way_to_the_stage_and_ends_nothing_where_it_sta
         if sentence.endswith("compiling") and len(told) > 3:
             raise Stopped
 
-    with telling(tell), part("first", 0.0, 1.0):
+    with reporting_to(tell), part("first", 0.0, 1.0):
         stage("searching", 0.0, 1.0)
         aside("compiling")
         stage("noise", 0.5, 1.0)
@@ -110,7 +110,7 @@ def test_what_is_raised_aside_reaches_the_caller_where_no_tick_follows() -> None
             raise Ended
 
     def work() -> None:
-        with telling(tell):
+        with reporting_to(tell):
             stage("searching", 0.0, 1.0)
             aside("compiling")
 
@@ -121,14 +121,14 @@ def test_what_is_raised_aside_reaches_the_caller_where_no_tick_follows() -> None
 PROGRAM = """
 import numba
 import numpy as np
-from ipmclab.choosing.kernels import filter_spread
-from ipmclab.progress import stage, telling
+from ipmclab.choosing.kernels import filter_covariance
+from ipmclab.progress import stage, reporting_to
 
-with telling(lambda sentence, _: print(sentence)):
+with reporting_to(lambda sentence, _: print(sentence)):
     stage("searching", 0.0, 1.0)
     numba.njit(lambda x: x)(1.0)  # of the user: nobody waits for the model
     stage("filtering", 0.5, 1.0)
-    filter_spread(np.zeros(3), np.zeros((3, 1)), np.zeros(1), np.eye(1), np.empty(3), np.empty(3))
+    filter_covariance(np.zeros(3), np.zeros((3, 1)), np.zeros(1), np.eye(1), np.empty(3), np.empty(3))
 """
 
 

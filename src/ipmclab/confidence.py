@@ -9,7 +9,7 @@ NORMAL_95: Final = 1.959963984540054
 
 REJECT: Final = 1e-3
 """What is assumed is given up where readings would be that rare under it (p < 0.1 %): of a hundred questions that a fit
-asks, one in ten fits then gets one wrong answer."""
+tests, one in ten fits then gets one wrong answer."""
 
 
 def wider_for_few(freedom: float) -> float:

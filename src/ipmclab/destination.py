@@ -1,4 +1,4 @@
-"""Where a file is written: beside its target first, then renamed over it, so that no half file ever stands there."""
+"""Where a file is written: next to its target first, then renamed over it, so that no half file ever is there."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ def _is_same(one: str | os.PathLike[str], other: str | os.PathLike[str]) -> bool
 
 @contextmanager
 def replacing(path: str | os.PathLike[str], *, overwrite: bool) -> Iterator[Path]:
-    """Give a temporary path beside ``path`` that takes its place when the block ends well.
+    """Give a temporary path next to ``path`` that takes its place when the block ends well.
 
     Parameters
     ----------

@@ -2,7 +2,7 @@
 
 A fit is thousands of products of small matrices. Shared among threads each takes as long as the slowest of them comes
 late: twenty times as long on a machine that does something else too. And sums in another order have other last digits,
-so that the answer would hang on how many cores there are.
+so that the answer would depend on how many cores there are.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What differs between systems, in one place: every Unix call beside its Windows twin."""
+"""What differs between systems, in one place: every Unix call with its Windows counterpart."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def go_first() -> None:
     """Have a processor before other programs from now on: what this process does must be in time.
 
     Threads that are there already wait as before. Linux and macOS grant it to an administrator, and to whom
-    ``limits.conf`` allows ``nice``; who is not granted it goes on as one of all.
+    ``limits.conf`` allows ``nice``; who is not granted it continues as one of all.
     """
     if sys.platform == "win32":
         import ctypes
@@ -133,7 +133,7 @@ def _leave_to_owner(path: Path) -> str:
     """Take the inherited rights to a file of Windows away, where its mode means nothing, and leave the owner his.
 
     By the number of the user, for a name may be another one's, or spelled otherwise in the system's language. Where a
-    disk knows no rights (a USB stick) they stay as they are: that is no reason not to record, and is told.
+    disk knows no rights (a USB stick) they stay as they are: that is no reason not to record, and is reported.
 
     Returns
     -------
@@ -378,7 +378,7 @@ def reserve(descriptor: int, size: int) -> None:
 
 
 @contextmanager
-def told_to_end(act: Callable[[], None]) -> Iterator[None]:
+def on_end_request(act: Callable[[], None]) -> Iterator[None]:
     """While it lasts, a request of the system to end raises SystemExit, so that whoever must clean up can.
 
     That is SIGTERM and SIGHUP (a closed terminal), or Ctrl-Break. On Windows a console that closes, or a user who logs

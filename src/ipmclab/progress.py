@@ -1,4 +1,4 @@
-"""What a long fit is doing, told to whoever asked, who may end it: the function that is told may raise."""
+"""What a long fit is doing, reported to whoever asked, who may end it: the function that gets the reports may raise."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from typing import Final
 
-Tell = Callable[[str, float], None]
+OnProgress = Callable[[str, float], None]
 """Called with a sentence, and with the fraction of the work that is done."""
 
 _PERIOD: Final = 0.1  # s between two calls with the same sentence
@@ -18,8 +18,8 @@ _PERIOD: Final = 0.1  # s between two calls with the same sentence
 class _Teller:
     """Turns the model runs of a stage, of which nobody knows how many will follow, into a fraction that only grows."""
 
-    def __init__(self, tell: Tell) -> None:
-        self._tell = tell
+    def __init__(self, on_progress: OnProgress) -> None:
+        self._tell = on_progress
         self._sentence = ""
         self._begin, self._end = 0.0, 0.0
         self._ticks, self._usual = 0, 1
@@ -66,7 +66,7 @@ class _Teller:
         try:
             self._tell(self._sentence, self._fraction)
         except KeyboardInterrupt:
-            raise  # of the terminal, not of who is told: a work may keep what it has
+            raise  # of the terminal, not of who gets the reports: a work may keep what it has
         except BaseException as error:
             self._ended = error
             raise
@@ -77,25 +77,25 @@ _part: ContextVar[tuple[str, float, float]] = ContextVar("part", default=("", 0.
 
 
 @contextmanager
-def telling(tell: Tell | None) -> Iterator[None]:
-    """What is done within is told to a function; None leaves it to the one that is told already, if any.
+def reporting_to(on_progress: OnProgress | None) -> Iterator[None]:
+    """What is done within is reported to a function; None leaves it to the one that gets the reports already, if any.
 
     Parameters
     ----------
-    tell : function of (str, float), optional
+    on_progress : function of (str, float), optional
         Called with a sentence and the fraction that is done, which only grows, at most ten times a second. Whatever
         it raises ends the work and reaches the caller.
 
     Examples
     --------
-    >>> with telling(print):
+    >>> with reporting_to(print):
     ...     stage("searching", 0.0, 0.5)
     searching 0.0
     """
-    if tell is None:
+    if on_progress is None:
         yield
         return
-    own = _Teller(tell)
+    own = _Teller(on_progress)
     teller, part = _teller.set(own), _part.set(("", 0.0, 1.0))
     try:
         yield
@@ -107,11 +107,11 @@ def telling(tell: Tell | None) -> Iterator[None]:
 
 @contextmanager
 def part(sentence: str, begin: float, end: float) -> Iterator[None]:
-    """A fit within a longer work: its stages are told after a sentence, if any, within a part of the whole.
+    """A fit within a longer work: its stages are reported after a sentence, if any, within a part of the whole.
 
     Examples
     --------
-    >>> with telling(print), part("without the first run", 0.5, 0.75):
+    >>> with reporting_to(print), part("without the first run", 0.5, 0.75):
     ...     stage("searching", 0.2, 0.6)
     without the first run: searching 0.55
     """
@@ -148,7 +148,7 @@ def aside(sentence: str) -> None:
 
     Examples
     --------
-    >>> with telling(print):
+    >>> with reporting_to(print):
     ...     stage("searching", 0.0, 0.5)
     ...     aside("compiling")
     searching 0.0

@@ -1,6 +1,6 @@
 """Order by size: sizes that differ by rounding alone are equal, and equals stay in the order in which they stand.
 
-What is printed first would else hang on the last bit, and that on the processor.
+What is printed first would else depend on the last bit, and that on the processor.
 """
 
 from __future__ import annotations

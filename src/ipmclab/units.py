@@ -198,7 +198,7 @@ def parse_number(text: str, *, where: str, unit: str = "mm") -> tuple[float, str
     text : str
         A number with a decimal point, then perhaps a unit.
     where : str
-        Where the text stands, for the message.
+        Where the text is, for the message.
     unit : str
         Of the example in the message.
 
@@ -258,7 +258,7 @@ def parse_quantity(text: str, quantity: Quantity, *, where: str) -> float:
     quantity : Quantity
         What it must be.
     where : str
-        Where the text stands, for the message.
+        Where the text is, for the message.
 
     Returns
     -------

@@ -21,7 +21,7 @@ from virtual_cdaq.sessions import Refused
 THREADS = 64  # each open event stream and each waiting call holds one
 LARGEST_MESSAGE = 256 * 2**20  # bytes; gRPC's own limit of 4 MiB is half a million samples
 PUMP = 0.02  # s between two looks at a chassis that runs by itself
-CATCH_UP = 0.005  # s that a client gets to take an event in before time goes on in lock-step
+CATCH_UP = 0.005  # s that a client gets to take an event in before time continues in lock-step
 LONGEST_DROP = 3600.0  # s
 LAST_PORT = 65535
 

@@ -17,7 +17,7 @@ def begun(campaign: Campaign, folder: Path, state: State, sit: Sit | None = None
     def at_bench(sitting, state):
         return at_virtual_bench(campaign, laboratory, sitting, state)
 
-    found = Conduct(campaign, blocks_of(campaign), laboratory, state, sit=sit or at_bench, tell=lambda _: None)
+    found = Conduct(campaign, blocks_of(campaign), laboratory, state, sit=sit or at_bench, on_progress=lambda _: None)
     found.begin()
     return found
 

@@ -113,7 +113,7 @@ def test_a_run_whose_file_cannot_be_read_is_recorded_as_often_as_the_campaign_al
         one = conduct(ONE, tmp_path, state=state)
         with pytest.raises(IpmclabError, match="cannot be read") as told:
             one.run()
-        assert "goes on with the next run" in told.value.repair
+        assert "continues with the next run" in told.value.repair
     with State(tmp_path) as state:
         one = conduct(ONE, tmp_path, state=state)
         one.run()
@@ -151,7 +151,7 @@ def test_what_the_guard_ends_is_flagged_and_ends_the_campaign(tmp_path):
 def test_a_stop_keeps_what_is_there_and_the_run_is_recorded_anew(tmp_path):
     with State(tmp_path) as state:
         one = conduct(ONE, tmp_path, state=state, sit=lambda *_: Sat("stop", "stopped by the operator"))
-        with pytest.raises(IpmclabError, match="goes on with the next run"):
+        with pytest.raises(IpmclabError, match="continues with the next run"):
             one.run()
     with State(tmp_path) as state:
         one = conduct(ONE, tmp_path, state=state)
@@ -173,7 +173,7 @@ def test_a_recorder_of_its_own_sits_through_a_block_of_several_runs(tmp_path):
         options = {"file": file, "answers": {}, "yes": True, "keys": False}
         sat = by_recorder(campaign, laboratory, sitting, View(quiet=True, keys=False), options)
         assert sat.ended == "done"
-        one = Conduct(campaign, blocks_of(campaign), laboratory, state, sit=lambda *_: sat, tell=lambda _: None)
+        one = Conduct(campaign, blocks_of(campaign), laboratory, state, sit=lambda *_: sat, on_progress=lambda _: None)
         state.add("sitting", block=1, runs=dict(zip([run.id for run in sitting.runs], sitting.uuids, strict=True)))
         one.begin()
         assert state.done == {run.id for run in sitting.runs}

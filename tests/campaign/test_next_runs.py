@@ -88,7 +88,7 @@ def test_a_fit_of_a_sample_is_taken_and_another_is_refused(made: Path, tmp_path:
     assert again["friend-1"].fit.parameters[LEAK].value == pytest.approx(fit.parameters[LEAK].value, rel=1e-4)
     found = propose_for_campaign(campaign, made.with_suffix(""), fits=[fit], free=[LEAK], minutes=2, wishes=QUICK)
     assert set(found.proposal.of) == {"friend-1", "friend-3"}
-    assert found.proposal.remarks == ("1 runs of friend-1 are not in its fit: what they tell does not count here",)
+    assert found.proposal.remarks == ("1 runs of friend-1 are not in its fit: their information is not counted here",)
     assert propose_for_campaign(campaign, None, fits=[fit], minutes=2, wishes=QUICK).proposal.of.keys() == {"friend-1"}
     stranger = known_of(campaign, results, free=[LEAK])[0]["friend-3"].fit
     only_first = load_campaign(_without_the_second(made, tmp_path))
@@ -124,7 +124,7 @@ def test_appended_runs_are_recorded_by_the_same_command(made: Path, capsys: pyte
     assert (len(results), left) == (4, len(told["runs"]))
     with State(made.with_suffix("")) as state:
         laboratory = Laboratory.open(made.with_suffix(""))
-        conduct = Conduct(campaign, blocks_of(campaign), laboratory, state, sit=lambda *_: Sat(), tell=print)
+        conduct = Conduct(campaign, blocks_of(campaign), laboratory, state, sit=lambda *_: Sat(), on_progress=print)
         conduct.begin()  # the folder takes the longer campaign
         assert conduct.left == len(told["runs"])
 

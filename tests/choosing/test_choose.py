@@ -57,14 +57,14 @@ def test_the_model_that_made_the_data_is_picked(slow: float, seed: int) -> None:
     """One branch cannot do what two did, in blocks of one run; the full rates are in benchmarks/choice.py."""
     choice = one_branch_or_two(slow, seed)
     assert choice.preferred == "branches=2"
-    assert choice.differences["branches=1", "branches=2"].is_told
+    assert choice.differences["branches=1", "branches=2"].is_distinguished
     assert choice.held_out == "blocks"
 
 
 def test_the_smaller_of_two_that_cannot_be_told_apart_is_preferred() -> None:
     choice = alike()
     assert choice.preferred == "branches=1"
-    assert not choice.differences["branches=1", "branches=2"].is_told
+    assert not choice.differences["branches=1", "branches=2"].is_distinguished
     assert "These records cannot distinguish" in choice.sentences[0]
     assert "it has the fewest parameters of these (3 parameters)" in choice.sentences[1]
     # Drift makes thousands of rows worth a few independent ones.

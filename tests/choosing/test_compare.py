@@ -36,7 +36,7 @@ def test_two_equally_wrong_models_are_told_apart_at_the_nominal_rate(decay: floa
     for _ in range(trials):
         noise = slow(generator, len(BLOCK_OF), decay)
         found = difference(("A", said(noise + shape)), ("B", said(noise - shape)), BLOCK_OF, ONE_RUN)
-        told += found.is_told
+        told += found.is_distinguished
     # 5 % of 400 are 20, with a standard deviation of 4.4.
     assert told <= 20 + 3 * 4.4
 
@@ -61,8 +61,8 @@ def test_models_that_say_the_same_are_not_told_apart() -> None:
     noise = np.random.default_rng(SEED).standard_normal(len(BLOCK_OF))
     same = difference(("A", said(noise)), ("B", said(noise)), BLOCK_OF, ONE_RUN)
     nearly = difference(("A", said(noise)), ("B", said(noise * (1.0 + 1e-9))), BLOCK_OF, ONE_RUN)
-    assert not same.is_told
-    assert not nearly.is_told
+    assert not same.is_distinguished
+    assert not nearly.is_distinguished
     assert str(nearly).startswith("These records cannot distinguish A from B")
 
 
@@ -70,7 +70,7 @@ def test_a_wide_and_a_narrow_model_are_told_apart() -> None:
     """A model that is far too sure of itself, or far too unsure, loses by what the blocks agree on."""
     noise = np.random.default_rng(SEED).standard_normal(len(BLOCK_OF))
     found = difference(("A", said(noise)), ("B", said(noise, 1000.0)), BLOCK_OF, ONE_RUN)
-    assert found.is_told
+    assert found.is_distinguished
     assert found.value > 0.0
 
 
@@ -85,7 +85,7 @@ def test_one_reading_of_which_a_model_knows_nothing_does_not_hide_what_all_other
         return HeldOut(np.bincount(BLOCK_OF, density), error, size**2)
 
     found = difference(("A", scored(noise, sizes)), ("B", said(noise + 0.5)), BLOCK_OF, ONE_RUN)
-    assert found.is_told
+    assert found.is_distinguished
     assert found.value > 0.0
 
 
@@ -97,7 +97,7 @@ def test_one_of_four_runs_against_three_is_no_proof() -> None:
     noise = generator.standard_normal(len(BLOCK_OF))
     better, worse = np.where(sign > 0, noise, noise + 0.6), np.where(sign > 0, noise + 0.7, noise)
     found = difference(("A", said(better)), ("B", said(worse)), BLOCK_OF, runs)
-    assert not found.is_told
+    assert not found.is_distinguished
 
 
 def test_the_standard_error_counts_how_neighbouring_blocks_follow_each_other() -> None:

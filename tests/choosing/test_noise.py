@@ -25,8 +25,8 @@ def uneven() -> ResidualSeries:
     generator = np.random.default_rng(SEED)
     time = np.cumsum(generator.uniform(0.01, 0.2, 60))
     time[30:] += 3.0
-    seen = generator.uniform(size=60) > 0.2
-    return ResidualSeries(time, generator.standard_normal(60), seen, noise=0.7, extent=2.0)
+    observed = generator.uniform(size=60) > 0.2
+    return ResidualSeries(time, generator.standard_normal(60), observed, noise=0.7, extent=2.0)
 
 
 def even() -> ResidualSeries:
@@ -47,12 +47,12 @@ NOISES = (
 @pytest.mark.parametrize("rows", [300, 1, 0])
 @pytest.mark.parametrize("noise", NOISES, ids=lambda one: f"{len(one.parts)} parts")
 def test_density_is_that_of_the_dense_gaussian(noise: FadingNoise, rows: int, series: ResidualSeries) -> None:
-    seen = series.seen & (np.cumsum(series.seen) <= rows)
+    observed = series.observed & (np.cumsum(series.observed) <= rows)
     if not rows:
-        assert noise.filter(series, seen).total == 0.0
+        assert noise.filter(series, observed).total == 0.0
         return
-    dense = multivariate_normal(cov=covariance(series.time[seen], noise, series))
-    assert noise.filter(series, seen).total == pytest.approx(dense.logpdf(series.residual[seen]), rel=1e-9)
+    dense = multivariate_normal(cov=covariance(series.time[observed], noise, series))
+    assert noise.filter(series, observed).total == pytest.approx(dense.logpdf(series.residual[observed]), rel=1e-9)
 
 
 @pytest.mark.parametrize("noise", NOISES, ids=lambda one: f"{len(one.parts)} parts")

@@ -41,8 +41,10 @@ def test_slopes_are_those_of_the_strip_as_wet_as_it_was() -> None:
         about = RunMetadata(temperature=20.0, relative_humidity=humidity, run_number=number)
         runs.append(Run.from_arrays(time=TIME, voltage=VOLTAGE, current=values, metadata=about))
     fit = identify(strip, runs, free=free)
-    for place, seen in ((1, 1), (1, None)):
-        found = slopes(fit, prepare(runs[place], 0, ["current"], ()), ["current"], in_fit=seen, delay=None)["current"]
+    for place, observed in ((1, 1), (1, None)):
+        found = slopes(fit, prepare(runs[place], 0, ["current"], ()), ["current"], in_fit=observed, delay=None)[
+            "current"
+        ]
         state = fit.observations[place].state
         assert state is not None
 
@@ -64,17 +66,17 @@ def test_slopes_are_those_of_the_model_and_of_the_sensor(monkeypatch: pytest.Mon
     fit = identify(STRIP, run, free=[DC, *zero])
     record = prepare(run, 0, ["current"], ())
     assert list(fit.parameters) == [DC, "observation.delay[0]", *(f"{name}[0]" for name in zero)]
-    seen = slopes(fit, record, ["current"], in_fit=0, delay=None)["current"]
+    observed = slopes(fit, record, ["current"], in_fit=0, delay=None)["current"]
     here = fit.actuator[DC]
     for column, moved in (
         (0, (current(1.001 * here) - current(0.999 * here)) / 2e-3),  # of its own size
         (1, (current(here, LATE + 1e-4) - current(here, LATE - 1e-4)) * ROW / 2e-4),  # of a row
     ):
-        assert seen[:, column] == pytest.approx(moved, abs=0.02 * float(np.max(np.abs(moved))))
-    assert seen[:, 2] == pytest.approx(TIME)
-    assert np.all(seen[:, 3] == 1.0)
+        assert observed[:, column] == pytest.approx(moved, abs=0.02 * float(np.max(np.abs(moved))))
+    assert observed[:, 2] == pytest.approx(TIME)
+    assert np.all(observed[:, 3] == 1.0)
     unseen = slopes(fit, record, ["current"], in_fit=None, delay=fit.observations[0].delay)["current"]
-    assert unseen[:, 0] == pytest.approx(seen[:, 0], abs=1e-9)
+    assert unseen[:, 0] == pytest.approx(observed[:, 0], abs=1e-9)
     assert not np.any(unseen[:, 1:])
 
     def bounded(strip: Actuator, *given: Any, **more: Any) -> npt.NDArray[np.float64]:
@@ -84,4 +86,4 @@ def test_slopes_are_those_of_the_model_and_of_the_sensor(monkeypatch: pytest.Mon
 
     monkeypatch.setattr(spread, "simulate_outputs", bounded)
     at_bound = slopes(fit, record, ["current"], in_fit=0, delay=None)["current"]
-    assert at_bound[:, 0] == pytest.approx(seen[:, 0], abs=0.01 * float(np.max(np.abs(seen[:, 0]))))
+    assert at_bound[:, 0] == pytest.approx(observed[:, 0], abs=0.01 * float(np.max(np.abs(observed[:, 0]))))

@@ -102,7 +102,7 @@ def test_profiles_are_in_the_file_and_in_the_report(command: Command, step: Path
         assert profile.interval == pytest.approx((low, high), rel=0.02)
     assert command("report", "fitted.toml", "--runs", step.name, "--out", "r.html").status == 0
     page = (step.parent / "r.html").read_text("utf-8")
-    assert "How well these runs tell the parameters apart" in page
+    assert "How well these runs separate the parameters" in page
     assert 'id="profiles-title"' in page
 
 

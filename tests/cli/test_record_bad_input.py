@@ -17,7 +17,7 @@ from ipmclab.cli.record import _answers
 from ipmclab.cli.recorder import answers_of, plan_of, read_experiment, rig_of, session_of
 from ipmclab.errors import InputError, IpmclabError
 from ipmclab.rig.channels import THESIS_RIG
-from ipmclab.rig.experiments.experiment import experiment_from_table
+from ipmclab.rig.experiments.experiment_file import experiment_from_table
 from ipmclab.rig.experiments.plan import make_plan
 from ipmclab.rig.experiments.steps import Question
 from ipmclab.rig.process import hub
@@ -138,7 +138,7 @@ def test_a_disk_without_room(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
 
 
 def test_an_environment_that_never_settles(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(VirtualBench, "hands", lambda *_: None)  # nobody sets the chamber
+    monkeypatch.setattr(VirtualBench, "operate", lambda *_: None)  # nobody sets the chamber
     text = GOOD.replace("rig.toml", "virtual").replace('["apply"]', '["chamber-on", "equilibrium", "apply"]')
     with pytest.raises(InputError, match=r"did not settle within 120 s: the temperature is 22.0 degC"):
         attempt(

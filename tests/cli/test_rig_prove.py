@@ -53,7 +53,7 @@ def test_the_list_is_gone_through_with_the_dummy_load(tmp_path: Path, command: C
 
         item = _unplugged(load_rig(path), str(path), 1.0, simulated=False, ask=ask)
         assert _unplugged(load_rig(path), str(path), 1.0, simulated=False, ask=None).status == "not done"
-    assert (item.status, item.seen) == ("noted", "1 V by the voltmeter; the program had not noticed yet")
+    assert (item.status, item.found) == ("noted", "1 V by the voltmeter; the program had not noticed yet")
     assert "emergency stop" in item.repair
     assert "'1,0 V' has a comma" in asked[2]
     assert outcome.status == 0, outcome.out
@@ -64,12 +64,12 @@ def test_the_list_is_gone_through_with_the_dummy_load(tmp_path: Path, command: C
         *("clock", "noise-voltage", "noise-current", "load", "order", "stop", "end", "clock-terminal"),
         *("kill-alone", "kill", "hang", "reset", "unplugged"),
     ]
-    assert seen["load"].seen == "10 ohm and 100 mF"
-    assert seen["clock-terminal"].seen.endswith("/SampleClock")
+    assert seen["load"].found == "10 ohm and 100 mF"
+    assert seen["clock-terminal"].found.endswith("/SampleClock")
     # Without the guardian the output would have stayed: the check sees a voltage where there is one.
-    assert seen["kill-alone"].seen == "it holds 1 V"
+    assert seen["kill-alone"].found == "it holds 1 V"
     for name in ("kill", "hang", "reset"):
-        assert float(seen[name].seen.split()[3]) <= WITHIN
+        assert float(seen[name].found.split()[3]) <= WITHIN
     assert outcome.document["cited"] == proof_of(load_rig(path), path)
     assert "not proven on this hardware: proved against a stand-in on 20" in outcome.document["cited"]
 

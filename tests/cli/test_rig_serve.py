@@ -26,7 +26,7 @@ class Served:
     process: subprocess.Popen[str]
     line: str
 
-    def hands(self, words: str) -> str:
+    def operate(self, words: str) -> str:
         assert self.process.stdin is not None
         assert self.process.stderr is not None
         self.process.stdin.write(words + "\n")
@@ -70,9 +70,9 @@ def test_the_stand_in_is_checked_through_the_official_client(served: Served, tmp
     assert found["temperature"]["value"] == pytest.approx(22.0, abs=0.1)
     assert {one["code"] for one in found["findings"]} == {"no-calibration"}
 
-    assert served.hands("tip clear") == "done: tip clear"
-    assert served.hands("tip clar").startswith("error: hands: unknown words 'tip clar'; did you mean 'tip clear'?")
-    assert served.hands("laser blocked") == "done: laser blocked"
+    assert served.operate("tip clear") == "done: tip clear"
+    assert served.operate("tip clar").startswith("error: hands: unknown words 'tip clar'; did you mean 'tip clear'?")
+    assert served.operate("laser blocked") == "done: laser blocked"
     found = command("rig", "check", "rig.toml", "--json").document
     assert {"no-preload", "nothing-seen"} <= {one["code"] for one in found["findings"]}
 

@@ -152,7 +152,7 @@ def test_real_records_are_compared(real_runs: Path) -> None:
     assert not [key for row in found.rows for key in row.metrics if key.startswith("force")]  # nothing was pushed
     assert found.performances == ()
     assert found.only_noise == (f"the force holds nothing but noise in {', '.join(names)}: it has no metrics there",)
-    assert all(len(trend.told) == 5 for trend in found.trends)
+    assert all(len(trend.not_excluded) == 5 for trend in found.trends)
     (model,) = [model for model in found.models if model.key == "displacement.largest"]
     (voltage,) = model.effects()
     assert voltage.interval is not None

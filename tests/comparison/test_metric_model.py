@@ -58,7 +58,7 @@ def test_two_strips_do_not_tell_what_thickness_does() -> None:
     assert "no two strips have the same" in thick.reason
     assert humid.interval is not None
     assert model.next_strip({"thickness": 0.18e-3, "humidity": 60.0}) is None
-    assert model.strips_apart() == ()
+    assert model.strip_deviations() == ()
 
 
 def test_clamp_pressure_changed_with_every_mounting_is_not_told_from_the_mounting() -> None:
@@ -113,7 +113,7 @@ def test_the_next_strip_is_the_textbook_prediction_interval() -> None:
 
 def test_a_strip_unlike_the_others_is_named_and_none_where_all_are_alike() -> None:
     rows = campaign(np.random.default_rng(5), scatter=(0.05, 0.03, 0.02))
-    assert not any(one.is_unlike for one in modelled(rows).strips_apart())
+    assert not any(one.is_unlike for one in modelled(rows).strip_deviations())
     poor = [
         row(
             0.3 * one.metrics["displacement.largest"].value
@@ -125,7 +125,7 @@ def test_a_strip_unlike_the_others_is_named_and_none_where_all_are_alike() -> No
         )
         for one in rows
     ]
-    first, *others = modelled(poor).strips_apart()
+    first, *others = modelled(poor).strip_deviations()
     assert (first.sample, first.is_unlike) == ("strip-3", True)
     assert first.value == pytest.approx(0.3, rel=0.2)
     assert not any(one.is_unlike for one in others)
@@ -166,7 +166,7 @@ def test_strips_that_all_read_0_tell_nothing_of_another() -> None:
         if one.sample != rows[0].sample:
             one.metrics["displacement.largest"] = replace(one.metrics["displacement.largest"], value=0.0)
     model = model_metric("displacement.largest", "step", rows, EVERY)
-    assert model is None or rows[0].sample not in {one.sample for one in model.strips_apart()}
+    assert model is None or rows[0].sample not in {one.sample for one in model.strip_deviations()}
 
 
 def test_runs_of_strips_without_a_name_are_strips_of_their_own() -> None:
@@ -179,4 +179,4 @@ def test_runs_of_strips_without_a_name_are_strips_of_their_own() -> None:
     assert model.samples == ()
     assert model.fit.unseen == ("mounting", "strip")
     assert model.next_strip(model.conditions()[0]) is None
-    assert model.strips_apart() == ()
+    assert model.strip_deviations() == ()

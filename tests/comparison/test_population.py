@@ -67,8 +67,8 @@ def test_the_next_strip_is_where_the_mixed_model_has_it_and_one_strip_is_unlike(
     ]
     model = model_of(rows)
     found = population_of(model)
-    assert [one.sample for one in found.strips_apart if one.is_unlike] == ["strip-7"]
-    assert found.strips_apart[0].value > 3.0
+    assert [one.sample for one in found.strip_deviations if one.is_unlike] == ["strip-7"]
+    assert found.strip_deviations[0].value > 3.0
     condition = model.conditions()[0]
     mixed, sampled = model.next_strip(condition), found.next_strip(condition)
     assert mixed is not None
@@ -119,7 +119,7 @@ def _factors(values: Mapping[str, float]) -> dict[str, float]:
 
 def test_two_strips_tell_nothing_of_a_third() -> None:
     rows = [row(size, sample=strip) for strip, size in (("a", 1.0), ("a", 1.1), ("b", 1.2), ("b", 1.3))]
-    with pytest.raises(InputError, match="2 strips do not tell how far strips differ"):
+    with pytest.raises(InputError, match="2 strips do not show how much strips differ"):
         population_of(model_of(rows))
 
 

@@ -39,11 +39,11 @@ def test_a_law_that_holds_is_found(course: str) -> None:
     found = seen(course, (1.0, 1.4, 1.8, 2.2, 2.6, 3.0), 0.01)
     best = found.laws[0]
     if course == "constant":
-        assert course in found.told  # a flat course is one of every law
+        assert course in found.not_excluded  # a flat course is one of every law
         assert best.change == pytest.approx(1.0, abs=0.02)
         return
     assert best.law == course
-    assert found.told == (course,)
+    assert found.not_excluded == (course,)
     assert best.change == pytest.approx(COURSES[course](3.0), rel=0.02)
     assert best.held_out == min(one.held_out for one in found.laws)
     assert best.held_out < 0.03
@@ -55,7 +55,7 @@ def test_the_thesis_three_humidities_tell_no_law_from_another() -> None:
     rows = [row(value, humidity=humid) for humid, value in ((80.0, 3.83e-3), (70.0, 1.27e-3), (60.0, 1.0e-3))]
     found = trend_of("displacement.largest", "step", rows, FACTORS["humidity"])
     assert found is not None
-    assert set(found.told) == {law.name for law in LAWS}
+    assert set(found.not_excluded) == {law.name for law in LAWS}
     assert str(found) == "3 runs at 3 levels do not distinguish the laws"
 
 

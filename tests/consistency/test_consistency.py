@@ -473,8 +473,8 @@ def test_uncertainties_spread_as_a_product_of_powers_does() -> None:
     }
     known = KnownStrip(replace(actuator, standard_uncertainties={n: part * actuator[n] for n, part in stated.items()}))
     relative = math.sqrt(0.02**2 + (3 * 0.01) ** 2 + 0.005**2 + (3 * 0.004) ** 2)
-    spread = known.spread(stiffness, stated) / stiffness(known.values)
-    assert spread == pytest.approx(relative, rel=1e-3)
+    standard_uncertainty = known.standard_uncertainty(stiffness, stated) / stiffness(known.values)
+    assert standard_uncertainty == pytest.approx(relative, rel=1e-3)
 
 
 def test_a_stated_uncertainty_counts_and_is_not_called_taken() -> None:
@@ -662,7 +662,7 @@ def test_each_of_the_checks_finds_a_conflict_of_the_published_samples_with_its_t
         assert found[code].values["found"] == pytest.approx(one, rel=5e-3), code
         assert found[code].values["expected"] == pytest.approx(other, rel=6e-3), code
         assert found[code].repair.startswith("cheapest experiment that decides: "), code
-        assert "apart" in found[code].message, code
+        assert "differ by" in found[code].message, code
     assert found["resonance-against-stiffness"].values["implied_modulus"] == pytest.approx(177e6, rel=0.01)
 
 

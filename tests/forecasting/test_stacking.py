@@ -62,8 +62,8 @@ def test_the_band_of_a_long_record_is_the_quantile_of_its_misses(level: float) -
     generator = np.random.default_rng(SEED)
     lead = generator.uniform(1.0, 10.0, 40_000)
     came = 0.3 * lead**0.75 * generator.standard_normal(40_000)
-    seen = Pairs(lead, np.ones(40_000), np.zeros((40_000, 1)), came, 0.0)
-    half = half_width(seen, np.zeros(1), np.array([2.0, 20.0]), level)
+    observed = Pairs(lead, np.ones(40_000), np.zeros((40_000, 1)), came, 0.0)
+    half = half_width(observed, np.zeros(1), np.array([2.0, 20.0]), level)
     inside = scipy.stats.norm.ppf(0.5 + 0.5 * level)
     np.testing.assert_allclose(half, 0.3 * np.array([2.0, 20.0]) ** 0.75 * inside, rtol=0.03)
 

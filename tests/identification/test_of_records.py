@@ -19,7 +19,7 @@ RISES = Finding("current-rises", "warning", "the current rises", "try a leak tha
     ("leak", "brief", "repair"),
     [
         ("none", "which only a leak that grows (leak.slow) can follow", RISES.repair),
-        ("hidden", "the leak that grows of this model does not show", "record longer at this voltage"),
+        ("hidden", "the growing leak of this model is not visible", "record longer at this voltage"),
         ("shown", None, None),
     ],
 )

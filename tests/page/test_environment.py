@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ipmclab.page.experiments import Draft, check, save
+from ipmclab.page.experiment_form import Draft
+from ipmclab.page.experiments import check, save
 from ipmclab.page.lab import Lab
 from ipmclab.page.live.state import State
 from ipmclab.rig.process.messages import Message

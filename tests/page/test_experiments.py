@@ -15,9 +15,10 @@ from hypothesis import strategies as st
 
 from ipmclab import load_actuator, write_actuator
 from ipmclab.errors import InputError, IpmclabError
-from ipmclab.page.experiments import FIELDS, Draft, Unsaved, check, experiments, limit_at, preview, rigs, save
+from ipmclab.page.experiment_form import FIELDS, Draft, Unsaved
+from ipmclab.page.experiments import check, experiments, limit_at, preview, rigs, save
 from ipmclab.page.lab import Lab
-from ipmclab.rig.experiments.experiment import TEMPLATE, experiment_from_table, load_experiment
+from ipmclab.rig.experiments.experiment_file import TEMPLATE, experiment_from_table, load_experiment
 
 WHOLE = """
 title = "all of it"

@@ -175,7 +175,7 @@ def test_columns_stay_bounded_and_keep_every_extreme() -> None:
         columns.append(first, {"voltage": values[first : first + 250]})
         assert len(columns) <= 10_250
     t, held = columns.snapshot()
-    assert columns.rows_seen == len(values)
+    assert columns.rows_received == len(values)
     assert t[-1] == pytest.approx((len(values) - 1) / 100.0)
     assert (np.diff(t) > 0).all()
     assert held["voltage"].max() == values.max()

@@ -32,12 +32,13 @@ from ipmclab.page.commands import (
 )
 from ipmclab.page.curves import CurveStore, Panel, Series, compared_panels, run_panels
 from ipmclab.page.elements.column_map import Said, channel_tables
+from ipmclab.page.fit_cards import FitRequest
 from ipmclab.page.jobs.tasks import find_task
 from ipmclab.page.jobs.tasks.given import finding_row
 from ipmclab.page.lab import Lab
 from ipmclab.page.routes import header_name, routes
-from ipmclab.page.run_table import MOST_SHOWN, RunFilter, table_rows, told_runs
-from ipmclab.page.workshop import FitRequest, Workshop
+from ipmclab.page.run_table import MOST_SHOWN, RunFilter, runs_in_words, table_rows
+from ipmclab.page.workshop import Workshop
 from ipmclab.prediction.bands import Bands
 from ipmclab.rig.safety.limits import Limits
 from ipmclab.run import Finding
@@ -136,7 +137,7 @@ def test_runs_that_are_called_alike_are_told_apart() -> None:
         row(id=6, path=None, state="missing"),
     ]
     assert [one["name"] for one in table_rows(rows, RunFilter())[0]] == ["–", "–", "mute", "sine", "b/step", "a/step"]
-    told = told_runs(rows)
+    told = runs_in_words(rows)
     assert list(told) == ["c/mute.nc", "b/step.nc", "a/step.nc"]
     assert told["c/mute.nc"] == ""
     assert told["b/step.nc"] == "step 1 V"

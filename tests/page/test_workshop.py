@@ -12,10 +12,11 @@ import pytest
 from ipmclab import load_actuator, simulate, write_actuator, write_run
 from ipmclab.errors import InputError, IpmclabError
 from ipmclab.page.commands import report_step, simulate_step
+from ipmclab.page.fit_cards import FitCard, FitRequest, FittedFile
 from ipmclab.page.jobs.frames import Frame
 from ipmclab.page.jobs.jobs import Job, JobCancelled
 from ipmclab.page.lab import Lab
-from ipmclab.page.workshop import FitCard, FitRequest, FittedFile, Workshop
+from ipmclab.page.workshop import Workshop
 from tests.waiting import HANGS
 
 

@@ -9,7 +9,7 @@ import pytest
 from ipmclab import Allowance, InputError
 from ipmclab.model.environment import Environment
 from ipmclab.planning.candidates import REST_BEFORE, Candidate, candidates
-from ipmclab.rig.experiments.experiment import experiment_from_table
+from ipmclab.rig.experiments.experiment_file import experiment_from_table
 from ipmclab.signals import Step
 
 

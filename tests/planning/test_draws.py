@@ -14,7 +14,7 @@ from ipmclab.planning.candidates import Candidate
 from ipmclab.planning.draws import DRAWS, Samples, drawn_strips, read_samples
 from ipmclab.planning.questions import Questions
 from ipmclab.posterior.posterior import Posterior, write_posterior
-from ipmclab.rig.safety.limits import Limit
+from ipmclab.rig.safety.limit import Limit
 from ipmclab.signals import Step
 
 LEAK = "circuit.dc_resistivity"
@@ -53,13 +53,13 @@ def test_the_average_over_a_sure_fit_is_the_plan_at_its_values(fit: Fit) -> None
 
 def test_the_gain_is_the_mean_of_the_gains_at_each_value(fit: Fit) -> None:
     runs = tuple(content for _, content in fit.runs)
-    apart = [fit.parameters[LEAK].value * factor for factor in (0.7, 1.4)]
+    grown = [fit.parameters[LEAK].value * factor for factor in (0.7, 1.4)]
 
     def gains(*values: float) -> dict[str, float]:
         asked = propose_runs(fit, minutes=5.0, allowed=QUICK, draws=Samples({LEAK: np.array(values)}, runs))
         return {str(one): one.gain for one in asked.best_of_kind}
 
-    first, second, both = gains(apart[0]), gains(apart[1]), gains(*apart)
+    first, second, both = gains(grown[0]), gains(grown[1]), gains(*grown)
     shared = first.keys() & second.keys() & both.keys()
     assert shared
     for name in shared:

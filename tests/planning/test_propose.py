@@ -29,7 +29,8 @@ from ipmclab.planning.answer import FittedStrip
 from ipmclab.planning.candidates import REST_BEFORE
 from ipmclab.planning.proposal import Proposal
 from ipmclab.planning.run_noise import RunNoise
-from ipmclab.rig.safety.limits import Limit, Limits
+from ipmclab.rig.safety.limit import Limit
+from ipmclab.rig.safety.limits import Limits
 from ipmclab.signals import Signal, parse
 
 RATE = 25.0
@@ -128,10 +129,10 @@ def test_the_evidence_is_what_least_squares_leaves_of_the_difference(fit: Fit) -
     strip, (run,) = FittedStrip(fit), proposal.runs
     answer = strip.answer(run.candidate, RATE)
     rows = answer.entries["current"] / fit.observations[0].noise["current"]
-    apart = strip.apart(rival, run.candidate, answer)["current"] / fit.observations[0].noise["current"]
+    difference = strip.difference_to(rival, run.candidate, answer)["current"] / fit.observations[0].noise["current"]
     covariance = np.array(list(map(list, (row.values() for row in fit.covariance.values()))))
     known = np.linalg.cholesky(np.linalg.inv(covariance / np.outer(strip.chains, strip.chains))).T
-    stacked, against = np.vstack([rows, known]), np.append(apart, np.zeros(5))
+    stacked, against = np.vstack([rows, known]), np.append(difference, np.zeros(5))
     left = against - stacked @ np.linalg.lstsq(stacked, against)[0]
     assert first**2 == pytest.approx(float(left @ left), rel=0.02)
 
@@ -185,7 +186,7 @@ def test_what_is_refused(fit: Fit, asked: dict[str, object], message: str) -> No
 
 def test_a_fit_that_lost_the_noise_of_its_runs_is_refused(fit: Fit) -> None:
     for left in ([replace(one, noise={}) for one in fit.observations], []):
-        with pytest.raises(InputError, match="the fit does not say how much noise its runs had"):
+        with pytest.raises(InputError, match="the fit does not state the noise of its runs"):
             propose_runs(replace(fit, observations=tuple(left)), allowed=QUICK, minutes=10)
 
 

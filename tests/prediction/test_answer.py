@@ -190,7 +190,7 @@ def test_an_edited_file_has_none_and_says_why(fit: Fit, tmp_path: Path, old: str
     assert (sure.here, sure.following) == (None, None)
     assert sure.sentences() == [f"No interval: {why}."]
     if "no longer" in why:
-        with pytest.raises(InputError, match=re.escape(f"{why}: how sure it was says nothing")) as caught:
+        with pytest.raises(InputError, match=re.escape(f"{why}: its uncertainty does not hold")) as caught:
             prediction_bands(read_fit(path), asked(FRIEND))
         assert caught.value.code == "changed-since-fit"
 

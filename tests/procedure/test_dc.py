@@ -170,13 +170,13 @@ def test_runs_that_are_called_alike_have_a_noise_each(tmp_path: Path) -> None:
     for place, name in enumerate(("a/step.nc", "b/step.nc", "b/other.nc")):
         (tmp_path / name).parent.mkdir(exist_ok=True)
         write_run(held(125.0, seed=place), tmp_path / name)
-    alike, apart = (
+    alike, outlier = (
         dc_resistance(_Reader("p.toml", tmp_path).runs(names, "dc_resistance.runs"), KNOWN).also["R_dc"].amount
         for names in (["a/step.nc", "b/step.nc"], ["a/step.nc", "b/other.nc"])
     )
     assert {"noise of a/step.nc", "noise of b/step.nc"} <= alike.parts.keys()
-    assert {"noise of other.nc", "noise of step.nc"} <= apart.parts.keys()
-    assert alike.uncertainty == pytest.approx(apart.uncertainty, rel=0.3)
+    assert {"noise of other.nc", "noise of step.nc"} <= outlier.parts.keys()
+    assert alike.uncertainty == pytest.approx(outlier.uncertainty, rel=0.3)
 
 
 @pytest.mark.parametrize("rows", [slice(4000, 4400), slice(5900, 6100)])

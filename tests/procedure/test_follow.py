@@ -16,7 +16,7 @@ from ipmclab.confidence import NORMAL_95
 from ipmclab.identification.search.valleys import Rival
 from ipmclab.measurement.uncertain import Uncertain, exact
 from ipmclab.model import Actuator
-from ipmclab.procedure.coupling import NAMES, STATIC, as_far_as_seen
+from ipmclab.procedure.coupling import NAMES, STATIC, as_far_as_determined
 from ipmclab.procedure.follow import TO_DO
 from ipmclab.procedure.joint import _movable
 from ipmclab.procedure.strip import GEOMETRY, OTHER_FITS, amounts_of_fit
@@ -213,7 +213,7 @@ def test_no_pole_is_given_where_the_rest_of_the_coupling_is_open(joint) -> None:
     assert all(np.isinf(joint.staged[name].uncertainty) for name in NAMES)
     fit = joint.joint.fit
     sharp = replace(fit.parameters["coupling.p1"], standard_error=0.05, interval=(2.8, 3.0), determined=True)
-    seen = as_far_as_seen(replace(fit, parameters={**fit.parameters, "coupling.p1": sharp}))
+    seen = as_far_as_determined(replace(fit, parameters={**fit.parameters, "coupling.p1": sharp}))
     assert seen.parameters["coupling.p1"] == replace(
         sharp, standard_error=np.inf, interval=(0.0, np.inf), determined=False
     )
@@ -226,9 +226,9 @@ def test_a_coupling_of_which_all_is_seen_is_given_unless_other_fits_are_as_good(
     known = {name: replace(fit.parameters[name], determined=True, interval=(1.0, 2.0)) for name in NAMES}
     alone = replace(fit.estimate, rivals=())
     whole = replace(fit, parameters={**fit.parameters, **known}, estimate=alone)
-    assert as_far_as_seen(whole) is whole
+    assert as_far_as_determined(whole) is whole
     rival = replace(alone, rivals=(Rival.of(alone.problem, alone.solution.theta),))
-    seen = as_far_as_seen(replace(whole, estimate=rival))
+    seen = as_far_as_determined(replace(whole, estimate=rival))
     assert not any(seen.parameters[name].determined for name in NAMES)
 
 

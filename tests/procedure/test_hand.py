@@ -7,7 +7,7 @@ import math
 import pytest
 
 from ipmclab import InputError, follow_procedure
-from ipmclab.measurement.amount import Amount, apart, beyond, how_sure
+from ipmclab.measurement.amount import Amount, beyond, how_sure, sigmas_between
 from ipmclab.measurement.uncertain import Uncertain, exact, weighted_mean
 from ipmclab.procedure import follow
 from ipmclab.procedure.four_probe import FourProbes
@@ -131,12 +131,12 @@ def test_a_dc_resistance_that_the_other_face_makes_impossible_does_not_end_the_o
 
 def test_how_far_two_amounts_are_apart() -> None:
     one, other = Amount(1.0, 0.3, "V"), Amount(3.0, 0.4, "V")
-    assert apart(one, other) == apart(other, one) == pytest.approx(4.0)
-    assert apart(Amount(1.0, 0.0, "V"), Amount(1.0, 0.0, "V")) == 0.0
-    assert apart(Amount(1.0, 0.0, "V"), Amount(1.0 + 1e-12, 0.0, "V")) == 0.0
-    assert apart(Amount(-1.0, 0.0, "V"), Amount(-1.1, 0.0, "V")) == math.inf
-    assert apart(Amount(1e-6, 0.0, "m"), Amount(1.001e-6, 0.0, "m")) == math.inf
-    assert apart(one, Amount(3.0, math.inf, "V")) == 0.0
+    assert sigmas_between(one, other) == sigmas_between(other, one) == pytest.approx(4.0)
+    assert sigmas_between(Amount(1.0, 0.0, "V"), Amount(1.0, 0.0, "V")) == 0.0
+    assert sigmas_between(Amount(1.0, 0.0, "V"), Amount(1.0 + 1e-12, 0.0, "V")) == 0.0
+    assert sigmas_between(Amount(-1.0, 0.0, "V"), Amount(-1.1, 0.0, "V")) == math.inf
+    assert sigmas_between(Amount(1e-6, 0.0, "m"), Amount(1.001e-6, 0.0, "m")) == math.inf
+    assert sigmas_between(one, Amount(3.0, math.inf, "V")) == 0.0
     assert how_sure(math.inf) == "no uncertainty is stated and they differ"
 
 

@@ -11,7 +11,7 @@ import pytest
 from ipmclab import InputError, Run, follow_procedure, write_run
 from ipmclab.consistency.push import pushes
 from ipmclab.measurement.push import Push, stiffness
-from ipmclab.measurement.push_slips import apart_in
+from ipmclab.measurement.push_slips import outlier_in
 from ipmclab.measurement.uncertain import exact
 from ipmclab.procedure.procedure_file import procedure_from_text
 from ipmclab.procedure.push import modulus
@@ -212,19 +212,19 @@ def test_a_force_with_a_wrong_digit_or_unit_lies_apart(factor: float, place: int
     true = K * np.maximum(IN_AND_OUT - contact, 0.0)
     force = true + 5e-6 * rng.standard_normal(22)
     force[place] *= factor
-    apart = apart_in(sign * IN_AND_OUT, sign * force)
-    assert apart is not None
-    assert (apart.place, apart.in_displacement) == (place, False)
-    assert apart.expected == pytest.approx(sign * true[place], abs=2e-5)
+    outlier = outlier_in(sign * IN_AND_OUT, sign * force)
+    assert outlier is not None
+    assert (outlier.place, outlier.in_displacement) == (place, False)
+    assert outlier.expected == pytest.approx(sign * true[place], abs=2e-5)
 
 
 @pytest.mark.parametrize("factor", [10.0, 1000.0])
 def test_a_displacement_with_a_wrong_digit_or_unit_lies_apart(factor: float) -> None:
     travel = IN_AND_OUT.copy()
     travel[4] *= factor
-    apart = apart_in(travel, K * IN_AND_OUT + 5e-6 * np.random.default_rng(4).standard_normal(22))
-    assert apart is not None
-    assert (apart.place, apart.in_displacement) == (4, True)
+    outlier = outlier_in(travel, K * IN_AND_OUT + 5e-6 * np.random.default_rng(4).standard_normal(22))
+    assert outlier is not None
+    assert (outlier.place, outlier.in_displacement) == (4, True)
 
 
 @pytest.mark.parametrize("noise", [0.0, 2e-6, 1e-4])
@@ -234,7 +234,7 @@ def test_readings_that_only_scatter_have_none_that_lies_apart(noise: float) -> N
     found = 0
     for shape in (IN_AND_OUT, np.maximum(IN_AND_OUT - 0.2e-3, 0.0), IN_AND_OUT + loop / K, IN_AND_OUT + IN_AND_OUT**2):
         for _ in range(5):
-            found += apart_in(IN_AND_OUT, K * shape + noise * rng.standard_normal(22)) is not None
+            found += outlier_in(IN_AND_OUT, K * shape + noise * rng.standard_normal(22)) is not None
     assert found == 0
 
 
@@ -261,17 +261,17 @@ def test_a_slip_is_not_laid_to_the_one_other_reading_of_its_way(slip: float, loo
     force = K * UP_AND_PART_OF_THE_WAY_BACK + 1e-5 * rng.standard_normal(8)
     force[6:] += loop
     force[place] += slip
-    apart = apart_in(UP_AND_PART_OF_THE_WAY_BACK, force)
-    assert apart is not None
-    assert (apart.place, apart.in_displacement) == (place, False)
+    outlier = outlier_in(UP_AND_PART_OF_THE_WAY_BACK, force)
+    assert outlier is not None
+    assert (outlier.place, outlier.in_displacement) == (place, False)
 
 
 def test_a_strip_that_is_not_touched_reads_nothing_but_a_slip() -> None:
     force = np.zeros(6)
     force[4] = 5e-3
-    apart = apart_in(np.arange(6.0) * 1e-4, force)
-    assert apart is not None
-    assert (apart.place, apart.expected) == (4, 0.0)
+    outlier = outlier_in(np.arange(6.0) * 1e-4, force)
+    assert outlier is not None
+    assert (outlier.place, outlier.expected) == (4, 0.0)
 
 
 def test_the_end_of_the_travel_is_no_slip_of_the_displacement() -> None:
@@ -279,22 +279,22 @@ def test_the_end_of_the_travel_is_no_slip_of_the_displacement() -> None:
     travel = np.arange(10.0) * 1e-4
     force = K * travel
     force[9] *= 0.1
-    apart = apart_in(travel, force)
-    assert apart is not None
-    assert (apart.place, apart.in_displacement) == (9, False)
+    outlier = outlier_in(travel, force)
+    assert outlier is not None
+    assert (outlier.place, outlier.in_displacement) == (9, False)
     travel[8] = 2.5 * travel[9]
-    apart = apart_in(travel, K * np.arange(10.0) * 1e-4)
-    assert apart is not None
-    assert (apart.place, apart.in_displacement) == (8, True)
+    outlier = outlier_in(travel, K * np.arange(10.0) * 1e-4)
+    assert outlier is not None
+    assert (outlier.place, outlier.in_displacement) == (8, True)
 
 
 def test_a_force_that_is_read_with_the_other_sign_bends_where_it_is_touched_too() -> None:
     force = -K * np.maximum(IN_AND_OUT - 0.2e-3, 0.0) + 5e-6 * np.random.default_rng(7).standard_normal(22)
     expected, force[7] = -K * 0.15e-3, -K * 1.5e-3
-    apart = apart_in(IN_AND_OUT, force)
-    assert apart is not None
-    assert apart.place == 7
-    assert apart.expected == pytest.approx(expected, abs=2e-5)
+    outlier = outlier_in(IN_AND_OUT, force)
+    assert outlier is not None
+    assert outlier.place == 7
+    assert outlier.expected == pytest.approx(expected, abs=2e-5)
 
 
 @pytest.mark.parametrize(("count", "is_told"), [(9, True), (8, False)])
@@ -302,17 +302,17 @@ def test_where_a_push_bends_is_known_from_four_readings_on(count: int, is_told: 
     travel = np.arange(float(count)) * 1e-4
     force = K * np.maximum(travel - 3.5e-4, 0.0) + 1e-7 * np.random.default_rng(3).standard_normal(count)
     force[6] += 2e-3
-    apart = apart_in(travel, force)
-    assert (None if apart is None else apart.place) == (6 if is_told else None)
+    outlier = outlier_in(travel, force)
+    assert (None if outlier is None else outlier.place) == (6 if is_told else None)
 
 
 def test_a_straight_push_of_five_readings_in_and_out_tells_a_slip() -> None:
     travel = np.array([0.0, 1e-4, 2e-4, 1e-4, 0.0])
     force = K * travel + 1e-10 * np.array([1.0, 0.0, -2.0, 1.0, 3.0])
     force[1] += 2e-3
-    apart = apart_in(travel, force)
-    assert apart is not None
-    assert apart.place == 1
+    outlier = outlier_in(travel, force)
+    assert outlier is not None
+    assert outlier.place == 1
 
 
 def test_how_many_readings_are_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -321,7 +321,7 @@ def test_how_many_readings_are_looked_at(monkeypatch: pytest.MonkeyPatch) -> Non
         travel = np.arange(float(count)) * 1e-4
         force = K * travel
         force[1] = 5e-3
-        assert (apart_in(travel, force) is not None) == is_told
+        assert (outlier_in(travel, force) is not None) == is_told
 
 
 def step_of(table: str) -> Step:

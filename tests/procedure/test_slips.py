@@ -104,7 +104,7 @@ def test_whichever_reading_of_the_width_has_a_wrong_digit_or_unit(
 @given(st.lists(st.floats(4.9, 5.1), min_size=1, max_size=30))
 def test_readings_within_a_few_percent_have_none_that_lies_apart(readings: list[float]) -> None:
     """Not even where all others are alike: a meter shows steps."""
-    assert Written("width", tuple(f"{one} mm" for one in readings), tuple(readings)).apart is None
+    assert Written("width", tuple(f"{one} mm" for one in readings), tuple(readings)).outlier is None
 
 
 def test_where_no_single_reading_lies_apart_the_source_is_named() -> None:
@@ -131,7 +131,7 @@ def test_a_reading_of_the_rig_that_lies_apart_is_named() -> None:
         {"scatter of the readings of the meter": 700.0},
         written={"meter": Written("readings", ("2.7 ohm", "2.6 ohm", "2668 ohm"), (2.7, 2.6, 2668.0))},
     )
-    with pytest.raises(InputError, match=r'"2668 ohm", number 3 of 3, lies apart') as caught:
+    with pytest.raises(InputError, match=r'"2668 ohm", number 3 of 3, lies far from') as caught:
         sheet_resistance(FourProbes("line", read, exact(10e-3)), exact(5e-3), exact(30e-3))
     assert caught.value.where == "readings[2]"
 
@@ -158,7 +158,7 @@ def test_a_length_that_no_strip_has_is_refused_with_the_reading_that_makes_it_so
 def test_one_reading_that_makes_a_density_impossible_is_named() -> None:
     found = follow_procedure(procedure_from_text(text_of(mass='["145.7 mg", "145.7 g", "145.6 mg"]'), where="p.toml"))
     ((_, finding),) = found.impossible
-    assert '"145.7 g", number 2 of 3, lies apart from the others (145.6 mg to 145.7 mg)' in finding.message
+    assert '"145.7 g", number 2 of 3, lies far from the others (145.6 mg to 145.7 mg)' in finding.message
     assert finding.repair == "write it again; is its unit right?"
 
 

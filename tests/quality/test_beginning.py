@@ -69,7 +69,7 @@ def test_a_run_that_states_its_rest_steps_at_row_0() -> None:
     stated = replace(run, metadata=replace(run.metadata, starts_from_rest=True))
     assert "contact-missing" in codes(stated)
     (finding,) = [one for one in check(stated) if one.code == "contact-missing"]
-    assert "stands at 1.974 V at row 0" in finding.message
+    assert "is at 1.974 V at row 0" in finding.message
 
 
 @pytest.mark.parametrize(("current", "open_circuit"), [(2.1e-3, False), (0.0, True)])

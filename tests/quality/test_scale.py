@@ -85,12 +85,12 @@ def test_what_is_known_is_what_known_strips_show(real_runs: Path) -> None:
             runs.append((simulate(actuator, signal, duration=40.0, rate=50.0), actuator))
     for run, actuator in runs:
         noise = frozenset(f.channel for f in check(run) if f.code == "noise-only" and f.channel)
-        seen = scale.seen_in(Record.of(run), noise)
+        seen = scale.scales_of(Record.of(run), noise)
         by = scale.per_dimensions(actuator)
         for name, value in seen.per_volt.items():
             if name not in seen.hidden:
                 shown.setdefault(name, []).append(value * by[name])
-        without = scale.seen_in(Record.of(replace(run, current=None)), noise)
+        without = scale.scales_of(Record.of(replace(run, current=None)), noise)
         shown.setdefault("time", []).extend(one.settling for one in (seen, without) if one.settling is not None)
     for name, (least, most) in scale.KNOWN.items():
         assert least == pytest.approx(min(shown[name]), rel=0.15), name

@@ -15,7 +15,9 @@ def ranked(*apart: tuple[float, float]) -> Any:
     """Models whose differences to the best [nat] and their errors are given; what is beyond two errors is told."""
     names = [f"branches={number}" for number in range(1, len(apart) + 2)]
     differences = {
-        (name, names[0]): SimpleNamespace(value=value, standard_error=error, limit=2.0, is_told=-value > 2.0 * error)
+        (name, names[0]): SimpleNamespace(
+            value=value, standard_error=error, limit=2.0, is_distinguished=-value > 2.0 * error
+        )
         for name, (value, error) in zip(names[1:], apart, strict=True)
     }
     models = [SimpleNamespace(name=name, parameters=4) for name in names]

@@ -12,8 +12,9 @@ from matplotlib.figure import Figure
 from ipmclab import Finding, load_actuator, read_fit, simulate, write_fit
 from ipmclab.fit.fit_table import fit_to_table
 from ipmclab.model import Actuator
-from ipmclab.reporting.document import html, verdict
+from ipmclab.reporting.document import html
 from ipmclab.reporting.figures.shape import shape_figure
+from ipmclab.reporting.fit_verdict import verdict
 from ipmclab.run import Severity
 from tests.reporting.conftest import make_fit
 

@@ -235,8 +235,7 @@ class Conformance:
         with pytest.raises(InputError) as caught:
             bench.apply(signals.parse("step 1 V for 1 s then step 11 V"), 100)
         assert str(caught.value) == (
-            "signal: the signal asks for 11 V at 1 s, the output gives -10 V to 10 V; "
-            "give a smaller amplitude or offset"
+            "signal: the signal needs 11 V at 1 s, the output gives -10 V to 10 V; give a smaller amplitude or offset"
         )
         with pytest.raises(InputError) as caught:
             bench.exchange(-10.5)

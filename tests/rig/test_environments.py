@@ -19,7 +19,7 @@ from ipmclab.rig.chambers.watch import ChamberWatch
 from ipmclab.rig.channels import THESIS_RIG
 from ipmclab.rig.experiments import archive as archive_module
 from ipmclab.rig.experiments.environments import Reference, TargetEnvironment
-from ipmclab.rig.experiments.experiment import experiment_from_table
+from ipmclab.rig.experiments.experiment_file import experiment_from_table
 from ipmclab.rig.experiments.plan import Plan, make_plan
 from ipmclab.rig.experiments.session import Session
 from ipmclab.rig.experiments.visits import visits

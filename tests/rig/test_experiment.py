@@ -10,7 +10,7 @@ import pytest
 
 from ipmclab.errors import InputError
 from ipmclab.rig.channels import THESIS_RIG
-from ipmclab.rig.experiments.experiment import TEMPLATE, experiment_from_table, load_experiment
+from ipmclab.rig.experiments.experiment_file import TEMPLATE, experiment_from_table, load_experiment
 from ipmclab.rig.experiments.plan import make_plan
 
 GOOD: dict[str, Any] = {"sample": "strip-1", "signal": "step 1 V", "rate": "50 Hz", "duration": "40 s"}

@@ -16,7 +16,8 @@ from ipmclab import IpmclabError
 from ipmclab.rig.channels import THESIS_RIG, Rig
 from ipmclab.rig.safety.guard import Alarm, Guard
 from ipmclab.rig.safety.guarded_bench import GuardedBench, LimitPassed
-from ipmclab.rig.safety.limits import Limit, Limits
+from ipmclab.rig.safety.limit import Limit
+from ipmclab.rig.safety.limits import Limits
 from tests.rig.scripted import ELECTRODES, NOTHING, Scripted
 
 

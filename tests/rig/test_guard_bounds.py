@@ -11,7 +11,7 @@ import pytest
 from ipmclab.rig.bench import BenchError
 from ipmclab.rig.safety.guard import Guard
 from ipmclab.rig.safety.guarded_bench import GuardedBench
-from ipmclab.rig.safety.limits import Limit
+from ipmclab.rig.safety.limit import Limit
 from tests.rig.scripted import ELECTRODES, NOTHING, Scripted
 from tests.rig.test_guard import in_blocks
 

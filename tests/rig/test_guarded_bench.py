@@ -15,7 +15,8 @@ from ipmclab.rig.channels import THESIS_RIG
 from ipmclab.rig.rows import RowSource, SignalRows
 from ipmclab.rig.safety.guard import Alarm
 from ipmclab.rig.safety.guarded_bench import GuardedBench, LimitPassed
-from ipmclab.rig.safety.limits import Limit, Limits
+from ipmclab.rig.safety.limit import Limit
+from ipmclab.rig.safety.limits import Limits
 from ipmclab.rig.virtual import VirtualBench
 from ipmclab.signals import Signal
 from tests.rig.scripted import ELECTRODES, NOTHING, Scripted
@@ -97,8 +98,8 @@ PLAYED = [
     ("step 2 V", 10, -10.0, 10.0, None),  # at the limit
     ("step -2.01 V", 10, -10.0, 10.0, "signal: it commands -2.01 V at 0 s, the limit is 2 V"),
     ("step 35 V", 10, -10.0, 10.0, "signal: it commands 35 V at 0 s, the limit is 2 V"),  # not what the output gives
-    ("step -1.5 V", 10, -1.0, 10.0, "signal: the signal asks for -1.5 V at 0 s, the output gives -1 V to 10 V"),
-    ("step 1.5 V", 10, -10.0, 1.0, "signal: the signal asks for 1.5 V at 0 s, the output gives -10 V to 1 V"),
+    ("step -1.5 V", 10, -1.0, 10.0, "signal: the signal needs -1.5 V at 0 s, the output gives -1 V to 10 V"),
+    ("step 1.5 V", 10, -10.0, 1.0, "signal: the signal needs 1.5 V at 0 s, the output gives -10 V to 1 V"),
     # What follows the last row is not given out, and is no reason to refuse.
     ("step 1 V for 2 s then step 3 V", 100, -10.0, 10.0, None),
     ("step 1 V for 2 s then step 3 V", 101, -10.0, 10.0, "signal: it commands 3 V at 2 s, the limit is 2 V"),

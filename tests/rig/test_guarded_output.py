@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from ipmclab import InputError, IpmclabError
-from ipmclab.rig import ni
 from ipmclab.rig.channels import THESIS_RIG, Output, Rig
+from ipmclab.rig.daqmx import reset
 from ipmclab.rig.safety.guarded_output import Target, connect
 from ipmclab.rig.safety.readback import at_output, channels_at_output
 
@@ -22,7 +22,7 @@ BEHIND = replace(REMOTE, voltage_sensed="electrodes", source_resistance=0.5)
 @pytest.fixture
 def guarded(monkeypatch: pytest.MonkeyPatch) -> None:
     """What NI's client would be asked to reach is handed back instead."""
-    monkeypatch.setattr(ni, "Resetter", lambda rig: rig)
+    monkeypatch.setattr(reset, "Resetter", lambda rig: rig)
 
 
 def reached(target: Target) -> Rig:

@@ -48,7 +48,7 @@ class Process:
         numbers = {name: getattr(signal, name, 1) for name in signals}
         known = SimpleNamespace(signal=self.handlers.__setitem__, SIG_IGN=signal.SIG_IGN, **numbers)
         monkeypatch.setattr(guardian_process, "signal", known)
-        monkeypatch.setattr(guardian_process, "told_of_the_end", self._told_of_the_end)
+        monkeypatch.setattr(guardian_process, "on_session_end", self._told_of_the_end)
         self._words: queue.SimpleQueue[bytes] = queue.SimpleQueue()
         monkeypatch.setattr(guardian_process, "own_stdin", lambda: SimpleNamespace(readline=self._words.get))
         self.told = Told()

@@ -17,7 +17,8 @@ from ipmclab.rig.chambers.settings import ChamberSettings
 from ipmclab.rig.channels import THESIS_RIG, Channel, Converter
 from ipmclab.rig.rows import ClampedRows, SignalRows
 from ipmclab.rig.safety.guarded_bench import GuardedBench
-from ipmclab.rig.safety.limits import Limit, Limits
+from ipmclab.rig.safety.limit import Limit
+from ipmclab.rig.safety.limits import Limits
 from ipmclab.rig.virtual import VirtualBench
 from ipmclab.signals import Signal
 

@@ -20,7 +20,8 @@ from ipmclab.rig.bench import BenchError, Block
 from ipmclab.rig.channels import Converter, Output, Rig, Thermometer
 from ipmclab.rig.daqmx.driver import Driver
 from ipmclab.rig.daqmx.link import Link
-from ipmclab.rig.ni import NiBench, Resetter, reset
+from ipmclab.rig.daqmx.reset import Resetter, reset
+from ipmclab.rig.ni import NiBench
 from tests.rig.conformance import joined
 from tests.rig.stand_in import Process, StandIn, serve
 from virtual_cdaq.model.chassis import Chassis
@@ -516,8 +517,9 @@ def test_a_rate_that_the_message_names_is_taken(still: StandIn) -> None:
 
 
 def test_nothing_answers(still: StandIn, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("ipmclab.rig.ni._ANSWER", 0.5)
-    monkeypatch.setattr("ipmclab.rig.ni._ANSWER_AFTER_FAILURE", 0.5)
+    monkeypatch.setattr("ipmclab.rig.ni.ANSWER", 0.5)
+    monkeypatch.setattr("ipmclab.rig.daqmx.reset.ANSWER", 0.5)
+    monkeypatch.setattr("ipmclab.rig.daqmx.reset._ANSWER_AFTER_FAILURE", 0.5)
     with socket.socket() as taken:
         # Bound and not listened on: nobody else gets the port, and nobody answers.
         taken.bind(("127.0.0.1", 0))

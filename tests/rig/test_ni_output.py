@@ -12,11 +12,13 @@ import pytest
 from ipmclab import signals
 from ipmclab.rig.bench import BenchError
 from ipmclab.rig.channels import Channel
+from ipmclab.rig.daqmx.client import client
 from ipmclab.rig.daqmx.driver import Driver
 from ipmclab.rig.daqmx.look import Watcher
 from ipmclab.rig.daqmx.look_back import read_output
+from ipmclab.rig.daqmx.reset import Resetter, reset
 from ipmclab.rig.daqmx.tasks import OnDemand, TimedTasks
-from ipmclab.rig.ni import NiBench, Resetter, client, reset
+from ipmclab.rig.ni import NiBench
 from tests.rig.conformance import joined
 from tests.rig.stand_in import StandIn, serve
 from virtual_cdaq.model.faults import Fault
@@ -206,8 +208,8 @@ def test_a_reset_waits_for_the_guardian_of_another_program_to_read_the_output(
 
     times = iter([0.0, 0.5, 1.0])
     clock = SimpleNamespace(monotonic=lambda: next(times) if looks > 1 else 0.0, sleep=sleep)
-    monkeypatch.setattr("ipmclab.rig.ni.read_output", read)
-    monkeypatch.setattr("ipmclab.rig.ni.time", clock)
+    monkeypatch.setattr("ipmclab.rig.daqmx.reset.read_output", read)
+    monkeypatch.setattr("ipmclab.rig.daqmx.reset.time", clock)
     try:
         if looks == 1:
             reset(chassis.rig)

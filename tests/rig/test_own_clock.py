@@ -16,7 +16,7 @@ from ipmclab.rig.bench import BenchError, Block
 from ipmclab.rig.recording.recorder import record
 from ipmclab.rig.recording.zeroing import read_rest, read_tare
 from ipmclab.rig.safety import own_clock
-from ipmclab.rig.safety.own_clock import OwnClock, own_pauses_told
+from ipmclab.rig.safety.own_clock import OwnClock, own_pauses_reported
 from ipmclab.rig.virtual import VirtualBench
 
 CALL = 0.8  # s
@@ -165,7 +165,7 @@ def test_only_a_deadline_that_passed_while_it_was_held_up_is_explained(life: Lif
     failure = BenchError("no answer", code=code, where="bench", repair="restart it")
 
     def fail_late() -> None:
-        with own_pauses_told("while a test was run"):
+        with own_pauses_reported("while a test was run"):
             life.now += PERIOD + late
             raise failure
 
@@ -180,6 +180,6 @@ def test_only_a_deadline_that_passed_while_it_was_held_up_is_explained(life: Lif
 
 
 def test_its_thread_keeps_no_program_from_ending(life: Life) -> None:
-    with own_pauses_told("while a test was run"):
+    with own_pauses_reported("while a test was run"):
         assert not life.ended
     assert (life.ended, life.daemon) == (True, True)

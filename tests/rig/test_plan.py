@@ -11,7 +11,7 @@ import pytest
 from ipmclab import load_actuator, signals
 from ipmclab.errors import InputError
 from ipmclab.rig.channels import THESIS_RIG, Converter, Rig
-from ipmclab.rig.experiments.experiment import experiment_from_table
+from ipmclab.rig.experiments.experiment_file import experiment_from_table
 from ipmclab.rig.experiments.plan import Plan, check_answers, make_plan, unanswered
 from ipmclab.rig.experiments.steps import reversed_signal
 
@@ -185,7 +185,7 @@ def test_answers_are_known_beforehand() -> None:
     plan = planned()
     assert unanswered(plan, {"hydrate": "done"}) == ["clamp", "zero", "preload"]
     check_answers(plan, {"clamp": "kept", "fingerprint": "continue"})
-    with pytest.raises(InputError, match="no step 'clmap' asks anything; did you mean 'clamp'"):
+    with pytest.raises(InputError, match="no step 'clmap' asks a question; did you mean 'clamp'"):
         check_answers(plan, {"clmap": "done"})
     with pytest.raises(InputError, match="'maybe' is no answer to 'clamp'"):
         check_answers(plan, {"clamp": "maybe"})

@@ -70,7 +70,7 @@ def test_each_block_at_rest_is_progress(monkeypatch: pytest.MonkeyPatch) -> None
     def told(when: str) -> Iterator[SimpleNamespace]:
         yield SimpleNamespace(progress=lambda: done.append(when))
 
-    monkeypatch.setattr(zeroing, "own_pauses_told", told)
+    monkeypatch.setattr(zeroing, "own_pauses_reported", told)
     read_rest(opened(ToyBench()), NAMES, RATE, when="before", duration=0.2)
     assert done == ["while the channels were read at 0 V"] * 5
 
@@ -109,7 +109,7 @@ def test_one_reading_without_a_strip_spoils_the_reading_at_rest() -> None:
         return np.where(rows == 7, lost, 12e-3)
 
     names = ("voltage", "displacement")
-    with pytest.raises(IpmclabError, match="the sensor sees no strip at rest") as caught:
+    with pytest.raises(IpmclabError, match="the strip at rest is not in the range of the sensor") as caught:
         read_rest(opened(ToyBench({"displacement": lost_once}), names), names, RATE, when="before", duration=1.0)
     assert caught.value.where == "displacement"
 

@@ -25,7 +25,8 @@ from ipmclab.rig.recording.recorder import record
 from ipmclab.rig.recording.recording import Outcome
 from ipmclab.rig.recording.slow import Air
 from ipmclab.rig.rows import RowSource, as_rows
-from ipmclab.rig.safety.limits import Limit, Limits
+from ipmclab.rig.safety.limit import Limit
+from ipmclab.rig.safety.limits import Limits
 from ipmclab.rig.virtual import VirtualBench
 from ipmclab.run import Mark
 from ipmclab.signals import Signal

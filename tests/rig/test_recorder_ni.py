@@ -17,7 +17,8 @@ from ipmclab.rig.ni import NiBench
 from ipmclab.rig.recording.control import Control
 from ipmclab.rig.recording.recording import Outcome
 from ipmclab.rig.safety.guardian import Guardian
-from ipmclab.rig.safety.limits import Limit, Limits
+from ipmclab.rig.safety.limit import Limit
+from ipmclab.rig.safety.limits import Limits
 from tests.rig.captured import captured
 from tests.rig.stand_in import Process, StandIn, serve
 from tests.waiting import HANGS, AtRow, until

@@ -19,7 +19,8 @@ from ipmclab.rig.recording.recorder import record
 from ipmclab.rig.recording.recording import Outcome
 from ipmclab.rig.recording.run_request import RunRequest
 from ipmclab.rig.recording.slow import Air
-from ipmclab.rig.safety.limits import Limit, Limits
+from ipmclab.rig.safety.limit import Limit
+from ipmclab.rig.safety.limits import Limits
 from ipmclab.run import Mark, Run, ZeroReading
 from tests.rig.toy_bench import RATE, Ends, ToyBench, done, kept, marks
 from tests.waiting import AtRow
@@ -266,7 +267,7 @@ def test_a_computer_that_is_about_to_leave_zeroes_the_output_at_once_and_ends_th
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     acts: list[Callable[[str], None]] = []
-    monkeypatch.setattr(recorder, "told_of_the_end", lambda act: (acts.append(act), nullcontext())[1])
+    monkeypatch.setattr(recorder, "on_session_end", lambda act: (acts.append(act), nullcontext())[1])
     bench, said = ToyBench(), list[str]()
 
     def leave() -> None:

@@ -49,11 +49,11 @@ def test_a_row_beyond_the_output_is_found_in_any_piece_of_a_long_signal(monkeypa
     rig = replace(THESIS_RIG, output=Output(-2.0, 2.0))
     signal = signals.parse("step 1 V for 0.5 s then step 3 V")
     request.check_signal(rig, signal, 25, 50.0)
-    with pytest.raises(InputError, match=r"signal: the signal asks for 3 V at 0.5 s, the output gives -2 V to 2 V"):
+    with pytest.raises(InputError, match=r"signal: the signal needs 3 V at 0.5 s, the output gives -2 V to 2 V"):
         request.check_signal(rig, signal, 26, 50.0)
-    with pytest.raises(InputError, match=r"asks for 3 V at 0.5 s"):  # the first of many
+    with pytest.raises(InputError, match=r"needs 3 V at 0.5 s"):  # the first of many
         request.check_signal(rig, signal, 40, 50.0)
-    with pytest.raises(InputError, match=r"asks for 3 V at 0 s"):
+    with pytest.raises(InputError, match=r"needs 3 V at 0 s"):
         request.check_signal(rig, signals.Step(3.0), 1, 50.0)
     request.check_signal(rig, signals.Square(amplitude=2.0, frequency=1.0), 100, 50.0)
 
@@ -78,7 +78,7 @@ def test_a_source_that_is_not_known_beforehand_is_held_within_what_the_output_gi
             request.check_rows(rig, source, 50.0)
     # A signal is known.
     request.check_rows(rig, rows.SignalRows(signals.Step(2.0), 10), 50.0)
-    with pytest.raises(InputError, match=r"the signal asks for 2\.5 V at 0 s"):
+    with pytest.raises(InputError, match=r"the signal needs 2\.5 V at 0 s"):
         request.check_rows(rig, rows.SignalRows(signals.Step(2.5), 10), 50.0)
 
 

@@ -35,10 +35,10 @@ CALIBRATED = replace(
 )
 
 
-def looked_at(rig: Rig = CALIBRATED, *hands: str, amplitude: float = 1.0) -> RigCheck:
+def looked_at(rig: Rig = CALIBRATED, *operate: str, amplitude: float = 1.0) -> RigCheck:
     bench = VirtualBench(rig=rig)
-    for words in hands:
-        bench.hands(words)
+    for words in operate:
+        bench.operate(words)
     return check_rig(bench, STRIP, amplitude=amplitude, today=TODAY)
 
 
@@ -103,7 +103,7 @@ def test_the_resolution_is_the_coarser_of_sensor_and_converter() -> None:
 
 
 @pytest.mark.parametrize(
-    ("rig", "hands", "code", "severity", "words"),
+    ("rig", "operate", "code", "severity", "words"),
     [
         (CALIBRATED, ["laser blocked"], "nothing-seen", "error", "the sensor gives 1.5 V"),
         (CALIBRATED, ["tip clear"], "no-preload", "warning", "the tip does not lie on it"),
@@ -124,13 +124,13 @@ def test_the_resolution_is_the_coarser_of_sensor_and_converter() -> None:
         (changed("force", sensor_noise=0.0), [], None, "", ""),
     ],
 )
-def test_what_is_wrong_is_told(rig: Rig, hands: list[str], code: str | None, severity: str, words: str) -> None:
+def test_what_is_wrong_is_told(rig: Rig, operate: list[str], code: str | None, severity: str, words: str) -> None:
     bench = VirtualBench(rig=rig)
-    for word in hands:
+    for word in operate:
         if word == "wait":
             bench.plant.advance([1e5], {})
         else:
-            bench.hands(word)
+            bench.operate(word)
     found = check_rig(bench, STRIP, today=TODAY)
     if code is None:
         assert found.findings == ()

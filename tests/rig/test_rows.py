@@ -15,7 +15,8 @@ from ipmclab.rig.recording.recorder import record
 from ipmclab.rig.recording.run_request import RunRequest
 from ipmclab.rig.rows import ClampedRows, Feed, RestedRows, SignalRows, as_rows
 from ipmclab.rig.safety.guarded_bench import GuardedBench
-from ipmclab.rig.safety.limits import Limit, Limits
+from ipmclab.rig.safety.limit import Limit
+from ipmclab.rig.safety.limits import Limits
 from ipmclab.rig.virtual import VirtualBench
 from tests.rig.captured import captured
 

@@ -15,7 +15,7 @@ from ipmclab.rig.channels import THESIS_RIG
 from ipmclab.rig.experiments import archive as archive_module
 from ipmclab.rig.experiments.archive import Recorded
 from ipmclab.rig.experiments.earlier import Earlier, earlier_runs
-from ipmclab.rig.experiments.experiment import experiment_from_table
+from ipmclab.rig.experiments.experiment_file import experiment_from_table
 from ipmclab.rig.experiments.fingerprint import Fingerprint, fingerprint_finding
 from ipmclab.rig.experiments.plan import make_plan
 from ipmclab.rig.experiments.session import Session
@@ -191,13 +191,13 @@ def test_a_fingerprint_outside_the_earlier_ones_is_asked_about(tmp_path: Path) -
     # Circuit: 1 ohm of the shunt, 16.0 ohm of the strip (twice 8 ohm of its electrodes) and its first branch.
     assert all(15.0 < one.series_resistance < 20.0 for one in earlier.fingerprints)
     bench = VirtualBench()
-    bench.hands("contact bad")
+    bench.operate("contact bad")
     desk = Desk(fingerprint="clamp")
     asked = desk.ask
 
     def clamp_well(question: Question, ended: Callable[[], bool]) -> str:
         if question.step == "clamp":
-            bench.hands("contact good")
+            bench.operate("contact good")
         return asked(question, ended)
 
     desk.ask = clamp_well  # type: ignore[method-assign]
@@ -211,7 +211,7 @@ def test_a_fingerprint_outside_the_earlier_ones_is_asked_about(tmp_path: Path) -
     assert "clamp" in (run.metadata.notes or "")
     # The bad one is among the earlier ones now: one outlier does not excuse the next.
     going_on = Desk(fingerprint="continue")
-    bench.hands("contact bad")
+    bench.operate("contact bad")
     recorded = make(tmp_path, going_on, bench, fingerprint=True, pause="5 min").run()
     assert [one.purpose for one in recorded] == ["fingerprint", "signal"]
     assert "continue" in (read_run(recorded[-1].path).metadata.notes or "")

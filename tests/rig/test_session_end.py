@@ -18,7 +18,7 @@ import pytest
 from ipmclab.rig.safety import session_end
 from ipmclab.rig.safety.guarded_output import Target, connect
 from ipmclab.rig.safety.guardian_process import Watch
-from ipmclab.rig.safety.session_end import SESSION_ENDS, SLEEP, answer, told_of_the_end
+from ipmclab.rig.safety.session_end import SESSION_ENDS, SLEEP, answer, on_session_end
 from tests.waiting import HANGS, Started
 from tests.waiting import threads_of as threads_of
 
@@ -149,7 +149,7 @@ def test_windows_tells_a_window_of_its_own_and_stays_awake_as_long_as_it_is_ther
     windows = Windows()
     monkeypatch.setattr(ctypes, "WinDLL", lambda _: windows, raising=False)
     acted: list[tuple[str, str]] = []
-    with told_of_the_end(lambda why: acted.append((why, threading.current_thread().name)), **options):
+    with on_session_end(lambda why: acted.append((why, threading.current_thread().name)), **options):
         assert waited == [("window", True)]
         [thread] = threads_of("end of session")
         assert thread.daemon  # were Windows not to let go of it, the program would end all the same
@@ -181,7 +181,7 @@ def test_without_a_window_a_run_is_recorded_all_the_same(
     windows.messages.put((WM_PAINT, 0))
     windows.messages.put(None)
     monkeypatch.setattr(ctypes, "WinDLL", lambda _: windows, raising=False)
-    with told_of_the_end(lambda why: None):
+    with on_session_end(lambda why: None):
         threads = threads_of("end of session")
     for thread in threads:
         thread.join(HANGS)
@@ -209,7 +209,7 @@ def test_a_mac_is_kept_awake_as_long_as_a_run_is_recorded(monkeypatch: pytest.Mo
     monkeypatch.setattr(session_end.subprocess, "Popen", Helper)
     monkeypatch.setattr(session_end.sys, "platform", "darwin")
     awake = ["/usr/bin/caffeinate", "-i", "-w", str(os.getpid())]
-    with told_of_the_end(lambda why: None):
+    with on_session_end(lambda why: None):
         [process] = started
         assert process.poll() is None
         assert done == [awake]
@@ -220,7 +220,7 @@ def test_a_mac_is_kept_awake_as_long_as_a_run_is_recorded(monkeypatch: pytest.Mo
         raise FileNotFoundError(command[0])
 
     monkeypatch.setattr(session_end.subprocess, "Popen", missing)
-    with told_of_the_end(lambda why: None):
+    with on_session_end(lambda why: None):
         pass
 
 

@@ -184,7 +184,7 @@ def test_the_seed_decides_the_noise(strip: Actuator) -> None:
     assert recorded(SEED).content_sha256 != recorded(SEED + 1).content_sha256
     bench = VirtualBench(strip, seed=SEED)
     first = record(bench, "step 1 V", duration=2.0, rate=50.0)
-    bench.hands("rest")
+    bench.operate("rest")
     second = record(bench, "step 1 V", duration=2.0, rate=50.0)
     assert first.content_sha256 == recorded(SEED).content_sha256
     assert first.content_sha256 != second.content_sha256
@@ -203,7 +203,7 @@ def test_a_strip_that_was_just_driven_does_not_start_from_rest(strip: Actuator) 
     assert driven.current is not None
     assert driven.current[0] < -2e-3
     assert driven.metadata.starts_from_rest is False
-    bench.hands("rest")
+    bench.operate("rest")
     assert recorded("step 1 V").metadata.starts_from_rest is True
 
 
@@ -221,7 +221,7 @@ def test_a_discharge_that_is_nothing_beside_the_run_leaves_its_start_in_doubt(st
     bench = VirtualBench(strip)
 
     def started(text: str) -> bool | None:
-        bench.hands("rest")
+        bench.operate("rest")
         record(bench, "step -1 V", duration=20.0, rate=50.0, zero_time=1.0, measured=["current"])
         run = record(bench, text, duration=1.0, rate=50.0, zero_time=60.0, measured=["current"])
         return run.metadata.starts_from_rest
@@ -351,5 +351,5 @@ def test_what_cannot_be_recorded_is_refused(strip: Actuator, values: dict[str, o
 
 def test_a_laser_that_sees_no_strip_at_rest_stops_the_record(strip: Actuator) -> None:
     away = changed(THESIS_RIG, "displacement", rest=26e-3)
-    with pytest.raises(IpmclabError, match="displacement: the sensor sees no strip at rest"):
+    with pytest.raises(IpmclabError, match="displacement: the strip at rest is not in the range of the sensor"):
         record(VirtualBench(strip, rig=away), "step 1 V", duration=1.0, rate=50.0, measured=["displacement"])

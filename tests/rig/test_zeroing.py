@@ -57,7 +57,7 @@ def test_a_preload_is_waited_for_until_it_has_settled(strip: Actuator) -> None:
     rig = replace(THESIS_RIG, virtual=VirtualStrip(preload_drift=2.0 * MN))
     rig = changed("force", rig, sensor_noise=0.0)
     bench = VirtualBench(strip, rig=rig)
-    bench.hands("tip on cell")
+    bench.operate("tip on cell")
     seen: list[ZeroReading] = []
     names = ["voltage", "force"]
     bench.open(names, RATE)
@@ -77,12 +77,12 @@ def test_the_force_is_the_reading_less_the_preload_and_both_zeros_are_kept(strip
     rig = replace(THESIS_RIG, virtual=VirtualStrip(preload_drift=2.0 * MN))
     # A strip that hardly pushes: what the preload changes by is the drift alone.
     bench = VirtualBench(strip.replace(**{"coupling.gain": 0.01 * strip["coupling.gain"]}), rig=rig)
-    bench.hands("tip clear")
+    bench.operate("tip clear")
     before = read_tare(bench, RATE, when="before")
-    bench.hands("tip on cell")
+    bench.operate("tip on cell")
 
     def finish(open_bench: object) -> list[ZeroReading]:
-        bench.hands("tip clear")
+        bench.operate("tip clear")
         names = ("voltage", "current", "force")
         return [read_rest(bench, names, RATE, when="after", force="tare")["force"]]
 
@@ -133,9 +133,9 @@ def test_a_tip_that_leaves_the_cell_is_no_force_of_zero(strip: Actuator, with_ta
     bench = VirtualBench(strong)
     tares = []
     if with_tare:
-        bench.hands("tip clear")
+        bench.operate("tip clear")
         tares = [read_tare(bench, RATE, when="before")]
-        bench.hands("tip on cell")
+        bench.operate("tip on cell")
     run = record(bench, "square 1 V 0.05 Hz", duration=40.0, rate=RATE, tares=tares)
     quiet = changed("force", sensor_noise=0.0, converter=replace(THESIS_RIG["force"].converter, noise=0.0))
     truth = record(VirtualBench(strip, rig=quiet), "square 1 V 0.05 Hz", duration=40.0, rate=RATE).force
@@ -155,7 +155,7 @@ def test_a_tip_that_leaves_the_cell_is_no_force_of_zero(strip: Actuator, with_ta
 
 def test_a_tip_that_does_not_press_is_refused_before_a_volt(strip: Actuator) -> None:
     bench = VirtualBench(strip)
-    bench.hands("tip clear")
+    bench.operate("tip clear")
     tare = read_tare(bench, RATE, when="before")
     with pytest.raises(IpmclabError, match="the tip does not press") as told:
         record(bench, "step 1 V", duration=1.0, rate=RATE, tares=[tare])

@@ -216,7 +216,7 @@ def test_doses_are_counted_in_the_order_of_the_runs() -> None:
     assert doses_of(runs, "runs") == [2.0, 0.0, 1.0]
     assert doses_of(runs, "hours") == [2.0, 0.0, 1.0]
     assert doses_of(runs, "charge") == [6.0, 0.0, 3.0]
-    with pytest.raises(InputError, match="does not say when it was recorded"):
+    with pytest.raises(InputError, match="does not state when it was recorded"):
         doses_of([run()], "hours")
 
 

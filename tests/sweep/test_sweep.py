@@ -119,7 +119,7 @@ def test_each_set_is_simulated_and_none_is_lost(tmp_path: Path) -> None:
         peak = run.displacement[np.argmax(np.abs(run.displacement))]
         assert found["displacement.peak"][k] == pytest.approx(peak, rel=1e-12)
         assert found["current.rms"][k] == pytest.approx(np.sqrt(np.mean(run.current**2)), rel=1e-12)
-    spread = swept.spreads()["force.rms"]
+    spread = swept.distributions()["force.rms"]
     assert spread.mean == pytest.approx(found["force.rms"].mean(), rel=1e-13)
     assert spread.standard_deviation == pytest.approx(found["force.rms"].std(), rel=1e-12)
     assert (spread.smallest, spread.largest) == (found["force.rms"].min(), found["force.rms"].max())

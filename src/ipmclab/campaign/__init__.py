@@ -1,1 +1,1 @@
-"""A campaign: samples, signals, environments and repeats, planned, recorded and told of."""
+"""A campaign: samples, signals, environments and repeats, planned, recorded and reported."""

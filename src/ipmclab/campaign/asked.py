@@ -1,4 +1,4 @@
-"""What a recorder in its own process is asked for: a sitting, as its job tells of it."""
+"""What a recorder in its own process is asked for: a sitting, as its job describes it."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ def asked(sitting: Sitting, folder: Path, title: str, checksum: str) -> dict[str
     return {**about, "block": sitting.block.number, "runs": runs}
 
 
-def experiment_asked_for(file: str, told: Mapping[str, Any]) -> Experiment:
+def experiment_asked_for(file: str, table: Mapping[str, Any]) -> Experiment:
     """The experiment of a sitting, in the recorder's process.
 
     Parameters
     ----------
     file : str
         The campaign, as it was named.
-    told : mapping
+    table : mapping
         What ``asked`` gave.
 
     Raises
@@ -37,15 +37,15 @@ def experiment_asked_for(file: str, told: Mapping[str, Any]) -> Experiment:
         What ``load_campaign`` refuses; a campaign that is not the one that was begun.
     """
     campaign = load_campaign(file)
-    if campaign.checksum != told["checksum"]:
+    if campaign.checksum != table["checksum"]:
         raise InputError(
             "the campaign, or a file that it names, was changed while it is carried out",
             code="another-campaign",
             where=file,
             repair="give it as it was, or begin the changed one in another folder",
         )
-    block = blocks_of(campaign)[told["block"] - 1]
+    block = blocks_of(campaign)[table["block"] - 1]
     known = {run.id: run for run in block.runs}
-    sitting = Sitting(block, tuple(known[name] for name in told["runs"]), tuple(told["runs"].values()))
-    experiment = experiment_for(campaign, sitting, told["title"])
-    return replace(experiment, folder=Path(told["folder"]), where=f"{file}: {block.part}")
+    sitting = Sitting(block, tuple(known[name] for name in table["runs"]), tuple(table["runs"].values()))
+    experiment = experiment_for(campaign, sitting, table["title"])
+    return replace(experiment, folder=Path(table["folder"]), where=f"{file}: {block.part}")

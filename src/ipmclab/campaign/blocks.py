@@ -22,12 +22,12 @@ from ipmclab.signals.signal import shortened
 Thing = TypeVar("Thing")
 
 BASELINE: Final = "baseline"
-"""What stands in the place of a signal where none is applied."""
+"""What is in the place of a signal where none is applied."""
 
 
 @dataclass(frozen=True)
 class CampaignRun:
-    """One run that a campaign asks for.
+    """One run of a campaign.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ class CampaignRun:
     sample, part, condition, label : str
         ``label`` is its signal, or ``"baseline"``.
     measured : "displacement", "force" or "current"
-        What tells the runs of one signal apart.
+        What distinguishes the runs of one signal.
     planned : PlannedRun
     """
 
@@ -52,7 +52,7 @@ class CampaignRun:
     planned: PlannedRun
 
     def listed(self, uuid: str) -> ListedRun:
-        """What the experiment that records it is told."""
+        """What the experiment that records it gets."""
         one = self.planned
         assert one.purpose != "fingerprint"
         return ListedRun(one.signal, one.purpose, one.repeat, one.pair_id, uuid)
@@ -89,7 +89,7 @@ def blocks_of(campaign: Campaign) -> tuple[Block, ...]:
     Listed, the samples follow each other, and of each its experiments, their conditions in the order that each states
     (up the list and down again, unless it says otherwise), their signals and the repeats of each. Randomised, each
     repeat of everything is a whole of its own: the order of samples, of the experiments of each, and of the
-    signals under each condition is drawn anew in it, so that what drifts does not look like a repeat's effect.
+    signals under each condition is drawn again in it, so that what drifts does not look like a repeat's effect.
     A baseline comes first in its block.
 
     Examples
@@ -220,7 +220,7 @@ def _named(planned: PlannedRun, block: Block, visit: Visit | None, number: int, 
 
 
 def _refuse_double(blocks: Sequence[Block], where: str) -> None:
-    """Two runs that nothing tells apart would be one run for whoever goes on after a break."""
+    """Two runs that nothing distinguishes would be one run for whoever continues after a break."""
     seen: set[str] = set()
     for block in blocks:
         for run in block.runs:

@@ -42,7 +42,7 @@ class Board:
     following : str, optional
         The run that comes next; None where nothing is left.
     models : mapping of sample to str
-        How well what was identified of it predicts runs that it had not seen, or why nothing was; empty before.
+        How well what was identified of it predicts runs that were not used for it, or why nothing was; empty before.
     """
 
     title: str

@@ -18,7 +18,7 @@ ROOM: Final = "room"
 """The condition of a run for which no chamber is set; an experiment with ``environment = "room"`` sets none."""
 
 Order = Literal["listed", "randomised"]
-"""Of samples and signals: as the file lists them, or drawn anew in each repeat of everything."""
+"""Of samples and signals: as the file lists them, or drawn again in each repeat of everything."""
 
 Clamped = Literal["for each block", "for each run"]
 """How often a strip is taken out of its solvent and clamped."""
@@ -141,7 +141,7 @@ class Campaign:
     where : str
         The file, for messages.
     text : str
-        The file as it stands.
+        The file as it is.
     """
 
     title: str

@@ -18,7 +18,8 @@ from ipmclab.campaign.lines import line_of
 from ipmclab.errors import InputError, suggest
 from ipmclab.model import Actuator, load_actuator
 from ipmclab.rig.channels import Rig
-from ipmclab.rig.experiments.experiment import VIRTUAL, Experiment, experiment_from_table
+from ipmclab.rig.experiments.experiment import VIRTUAL, Experiment
+from ipmclab.rig.experiments.experiment_file import experiment_from_table
 from ipmclab.rig.files.rig_file import library_rigs, load_rig
 from ipmclab.sample import Sample
 from ipmclab.signals import Samples, Signal, parse
@@ -34,7 +35,7 @@ _LIBRARY: Final = resources.files("ipmclab.campaign") / "library"
 
 
 class _Samples(Strict):
-    """What belongs to a strip in a campaign, beside what describes the sample itself."""
+    """What belongs to a strip in a campaign, in addition to what describes the sample itself."""
 
     actuator: str | None = None
     virtual: Annotated[tuple[_State, ...], Field(strict=False)] = ()
@@ -81,7 +82,7 @@ def load_campaign(name_or_path: str | Path) -> Campaign:
     Parameters
     ----------
     name_or_path : str or Path
-        What the file names is looked for beside it.
+        What the file names is looked for in the same folder.
 
     Raises
     ------
@@ -111,7 +112,7 @@ def load_campaign(name_or_path: str | Path) -> Campaign:
 def campaign_from_text(
     text: str, *, folder: Path = Path(), where: str = "campaign", name: str = "campaign"
 ) -> Campaign:
-    """Check a campaign as it stands in a file.
+    """Check a campaign as it is in a file.
 
     Parameters
     ----------
@@ -267,7 +268,7 @@ def _placed(make: Callable[[], Any], place: str) -> Any:
 
 
 def _beside(named: str | None, folder: Path) -> str | None:
-    """The name of a library actuator, or the path of a file beside the campaign."""
+    """The name of a library actuator, or the path of a file in the folder of the campaign."""
     return str(folder / named) if named is not None and (folder / named).is_file() else named
 
 
@@ -308,7 +309,7 @@ def _merged(*tables: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _experiment(keys: Mapping[str, Any], strip: Strip, folder: Path, place: str, shared: set[str]) -> Experiment:
-    """The experiment of one strip; what is wrong in a key that all experiments share is told of the shared table."""
+    """The experiment of one strip; a mistake in a key that all experiments share is reported there."""
     table = {**keys, "sample": strip.sample.id}
     if strip.actuator is not None:
         table["actuator"] = strip.actuator
@@ -348,7 +349,7 @@ def _of_file(path: Path, place: str) -> dict[str, Any]:
         f"there is no experiment file {str(path)!r}",
         code="no-such-file",
         where=place,
-        repair="name an experiment file beside the campaign",
+        repair="name an experiment file in the folder of the campaign file",
     )
     table = parse_table(read_text(path, kind="an experiment", missing=missing), where=str(path))
     return {key: value for key, value in table.items() if key not in OF_THE_CAMPAIGN}
@@ -374,7 +375,7 @@ def _named(wanted: Any, strips: Sequence[Strip], place: str) -> list[Strip]:
 def _named_files(
     table: Mapping[str, Any], rig: Rig, rig_file: Path | str, strips: Sequence[Strip], folder: Path
 ) -> list[Path]:
-    """The files of one's own that a campaign hangs on: rig, what that names, strips, experiments."""
+    """The files of one's own that a campaign depends on: rig, what that names, strips, experiments."""
     names = [
         rig_file,
         rig.virtual.actuator,

@@ -1,4 +1,4 @@
-"""A campaign carried out: sitting after sitting, each run judged, and gone on with after any break."""
+"""A campaign carried out: sitting after sitting, each run judged, and continued after any break."""
 
 from __future__ import annotations
 
@@ -53,14 +53,14 @@ def refuse_ended(sat: Sat, *, where: str, repair: str = "look at the strip") -> 
             f"the campaign was ended: {sat.reason or sat.ended}",
             code="ended",
             where=where,
-            repair=f"{repair}; the same command goes on with the next run",
+            repair=f"{repair}; the same command continues with the next run",
         )
 
 
 Sit = Callable[[Sitting, State], Sat]
 """Carries a sitting out at the bench of the campaign."""
 
-Tell = Callable[[str], None]
+OnProgress = Callable[[str], None]
 
 
 class Conduct:
@@ -76,8 +76,8 @@ class Conduct:
         What has been done already.
     sit : callable
         Carries one sitting out.
-    tell : callable
-        Is told what happens, a line at a time.
+    on_progress : callable
+        Called with what happens, a line at a time.
 
     ``begin``, then ``run``.
     """
@@ -90,14 +90,14 @@ class Conduct:
         state: State,
         *,
         sit: Sit,
-        tell: Tell,
+        on_progress: OnProgress,
     ) -> None:
         self._campaign = campaign
         self._blocks = blocks
         self._laboratory = laboratory
         self._state = state
         self._sit = sit
-        self._tell = tell
+        self._tell = on_progress
         self._runs = {run.id: run for block in blocks for run in block.runs}
 
     @property
@@ -106,7 +106,7 @@ class Conduct:
         return len(self._runs.keys() - self._state.done)
 
     def begin(self) -> None:
-        """Begin, or go on where it stopped: what a break left on the disk is taken in first.
+        """Begin, or continue where it stopped: what a break left on the disk is taken in first.
 
         Raises
         ------
@@ -127,7 +127,7 @@ class Conduct:
         self._take_in()
 
     def _take_in(self) -> None:
-        """Find what sittings recorded whose end was never told."""
+        """Find what sittings recorded whose end was never reported."""
         left = self._state.open
         absent = []
         for uuid, name in left.items():
@@ -151,7 +151,7 @@ class Conduct:
         ------
         IpmclabError
             An operator or the guard ended it, or the bench failed: what was recorded is kept, and the next call
-            goes on from there.
+            continues from there.
         """
         self._measure_facts()
         while self.left:
@@ -176,7 +176,7 @@ class Conduct:
         absent = []
         for run, uuid in zip(one.runs, one.uuids, strict=True):
             if uuid not in self._state.open:
-                continue  # told while the sitting went on
+                continue  # reported while the sitting went on
             path = self._file(uuid)
             if path is None:
                 absent.append(uuid)
@@ -198,29 +198,29 @@ class Conduct:
                 "the sitting ended and recorded nothing",
                 code="nothing-recorded",
                 where=f"{one.block.strip.sample.id}, {one.block.part}",
-                repair="see what the recorder said; the same command goes on",
+                repair="read the messages of the recorder; the same command continues",
             )
 
     def _ask_about_unreadable(self, one: Sitting) -> None:
         """End the campaign where a run was flagged because its files cannot be read: nobody but a person knows why."""
         for run in one.runs:
-            told = self._state.recorded.get(run.id)
-            if told is None or told["verdict"] != "flagged":
+            earlier = self._state.recorded.get(run.id)
+            if earlier is None or earlier["verdict"] != "flagged":
                 continue
-            if UNREADABLE in [finding["code"] for finding in told["findings"]]:
+            if UNREADABLE in [finding["code"] for finding in earlier["findings"]]:
                 raise IpmclabError(
                     f"the file of {run.id} cannot be read; the run was recorded {self._state.failures[run.id]} times",
                     code=UNREADABLE,
-                    where=str(self._laboratory.root / told["path"]),
-                    repair="see that the disk is sound and that no other program changes its files; the run is "
-                    "flagged, and the same command goes on with the next run",
+                    where=str(self._laboratory.root / earlier["path"]),
+                    repair="check that the disk has no errors and that no other program changes its files; the run is "
+                    "flagged, and the same command continues with the next run",
                 )
 
     def _judge(self, run: CampaignRun, uuid: str, path: Path, *, undisturbed: bool = False) -> None:
         """Say what a recorded run is good for; ``undisturbed`` where its sitting came to its own end."""
-        verdict, told = self._verdict(run, path, undisturbed=undisturbed)
-        failing = [one.code for one in told if self._fails(one)]
-        findings = [{"code": one.code, "severity": one.severity, "channel": one.channel} for one in told]
+        verdict, verdict_findings = self._verdict(run, path, undisturbed=undisturbed)
+        failing = [one.code for one in verdict_findings if self._fails(one)]
+        findings = [{"code": one.code, "severity": one.severity, "channel": one.channel} for one in verdict_findings]
         place = path.relative_to(self._laboratory.root).as_posix()
         self._state.add("recorded", run=run.id, uuid=uuid, path=place, verdict=verdict, findings=findings)
         why = f" ({', '.join(failing)})" if failing else ""
@@ -242,10 +242,10 @@ class Conduct:
             # Nobody ended it: it would end like this without end.
             rows = f"{len(read)} of {run.planned.rows} rows were recorded, and nobody interrupted the run"
             return self._failed(run), (Finding("incomplete", "error", rows),)
-        told = check(read)
-        if not any(self._fails(one) for one in told):
-            return "kept", told
-        return self._failed(run), told
+        findings_of_run = check(read)
+        if not any(self._fails(one) for one in findings_of_run):
+            return "kept", findings_of_run
+        return self._failed(run), findings_of_run
 
     def _failed(self, run: CampaignRun) -> Verdict:
         """What becomes of a run that fails: it is recorded again, as often as the campaign allows."""

@@ -53,7 +53,7 @@ class Fact:
 
 
 def measured_facts(campaign: Campaign, strip: Strip) -> Iterator[Fact]:
-    """What a campaign asks of a strip at a virtual bench, with the noise of the instruments.
+    """What a campaign needs of a strip at a virtual bench, with the noise of the instruments.
 
     Examples
     --------
@@ -76,13 +76,13 @@ def measured_facts(campaign: Campaign, strip: Strip) -> Iterator[Fact]:
 
 def _masses(strip: Strip, noise: np.random.Generator) -> Iterator[Fact]:
     found = {}
-    spread = float(np.hypot(BALANCE, _SHOWN / np.sqrt(12.0)))
+    uncertainty = float(np.hypot(BALANCE, _SHOWN / np.sqrt(12.0)))
     for name, mass in (("dry mass", strip.sample.dry_mass), ("hydrated mass", strip.sample.hydrated_mass)):
         if mass is not None:
             found[name] = _SHOWN * round((mass + BALANCE * float(noise.standard_normal())) / _SHOWN)
-            yield Fact(name, found[name], spread, "kg", "weighed once, tapped dry with tissue")
+            yield Fact(name, found[name], uncertainty, "kg", "weighed once, tapped dry with tissue")
     if len(found) == 2 and found["dry mass"] > 0.0:  # lighter than the balance shows
-        yield water_uptake(found["dry mass"], found["hydrated mass"], spread)
+        yield water_uptake(found["dry mass"], found["hydrated mass"], uncertainty)
 
 
 def water_uptake(dry: float, wet: float, uncertainty: float) -> Fact:

@@ -1,4 +1,4 @@
-"""Further experiments at the end of a campaign file: what stands in it already stays as it is."""
+"""Further experiments at the end of a campaign file: what is in it already stays as it is."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ _NAME: Final = re.compile(r"next-(\d+)")
 def lines_of(campaign: Campaign, proposal: StripsProposal, conditions: Mapping[str, str]) -> str:
     """Proposed runs as experiments of a campaign file (TOML).
 
-    Each is recorded as the experiment of which it is: what its table says stands in the new one too.
+    Each is recorded as the experiment of which it is: what its table says is in the new one too.
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ def grown(campaign: Campaign, path: Path, lines: str) -> Campaign:
 
 
 def append(campaign: Campaign, path: Path, folder: Path | None, lines: str) -> Campaign:
-    """Write further experiments at the end of a campaign file, and tell the campaign's log of it.
+    """Write further experiments at the end of a campaign file, and record it in the campaign's log.
 
     Parameters
     ----------
@@ -109,7 +109,7 @@ def append(campaign: Campaign, path: Path, folder: Path | None, lines: str) -> C
     path : Path
         Its file.
     folder : Path, optional
-        Where it is carried out: the same command goes on there.
+        Where it is carried out: the same command continues there.
     lines : str
 
     Raises

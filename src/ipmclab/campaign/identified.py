@@ -1,4 +1,4 @@
-"""The model of each sample, identified from some of its own runs and held against those that were not used.
+"""The model of each sample, identified from some of its own runs and compared with those that were not used.
 
 Which runs (``choose_runs``): the steps at the condition under which most signals were applied. The lowest one with the
 displacement shows circuit and coupling, and the lowest one with the force shows the modulus, as in the thesis's
@@ -40,7 +40,7 @@ _MOST_ROWS: Final = 100_000
 _CHANNELS: Final = ("displacement", "force", "current")
 """What shows most of a strip comes first."""
 
-Tell = Callable[[str, float], None]
+OnProgress = Callable[[str, float], None]
 
 
 def model_name(sample: str) -> str:
@@ -63,7 +63,7 @@ class Choice:
     ----------
     sample : str
     measured : "displacement", "force" or "current"
-        Of these runs, beside the current.
+        Of these runs, in addition to the current.
     source : RunResult
     free : tuple of str
         As ``identify`` takes them.
@@ -79,7 +79,7 @@ class Choice:
 
     @property
     def name(self) -> str:
-        """Of the file: the sample, and ``-force`` where its modulus was found besides."""
+        """Of the file: the sample, and ``-force`` where its modulus was found in addition."""
         return f"{model_name(self.sample)}-force" if self.is_of_modulus else model_name(self.sample)
 
     @property
@@ -115,7 +115,7 @@ class SampleModel:
 
     @property
     def scores(self) -> dict[str, float]:
-        """Fit percentage of each output that it is a model of, over the runs that it had not seen."""
+        """Fit percentage of each output that it is a model of, over the runs that were not used for it."""
         outputs = ("force",) if self.choice is not None and self.choice.is_of_modulus else _CHANNELS[::-1]
         found = {} if self.validation is None else self.validation.scores
         scores = {name: found[name].fit_percent for name in outputs if name in found}
@@ -200,11 +200,16 @@ def _choice(here: Sequence[RunResult], measured: str, free: tuple[str, ...]) -> 
 
 
 def identify_samples(
-    campaign: Campaign, folder: Path, results: Sequence[RunResult], state: State, *, tell: Tell = lambda *_: None
+    campaign: Campaign,
+    folder: Path,
+    results: Sequence[RunResult],
+    state: State,
+    *,
+    on_progress: OnProgress = lambda *_: None,
 ) -> tuple[SampleModel, ...]:
     """Identify and validate the model of each sample of a campaign.
 
-    A fit that stands in the folder is read, and what could not be identified is not tried again.
+    A fit that is in the folder is read, and what could not be identified is not tried again.
 
     Parameters
     ----------
@@ -213,15 +218,15 @@ def identify_samples(
         Of the campaign: fits go to ``models`` in it.
     results : sequence of RunResult
     state : State
-        Is told of every model.
-    tell : callable
-        Is told of which sample comes next, and the fraction that is done.
+        Gets every model.
+    on_progress : callable
+        Called with the sample that comes next, and the fraction that is done.
     """
     found: list[SampleModel] = []
     for place, strip in enumerate(campaign.strips if campaign.identify else ()):
         ours = [one for one in results if one.run.sample == strip.sample.id]
         if ours:
-            tell(strip.sample.id, place / len(campaign.strips))
+            on_progress(strip.sample.id, place / len(campaign.strips))
             found += _of_sample(strip, folder, ours, state)
     return tuple(found)
 
@@ -246,7 +251,7 @@ def _of_sample(strip: Strip, folder: Path, results: Sequence[RunResult], state: 
             one = SampleModel(sample, choice, failure=error.message)
         yield one
         if one.fit is None:
-            return  # the modulus hangs on circuit and coupling
+            return  # the modulus depends on circuit and coupling
         model = one.fit.actuator
 
 
@@ -301,14 +306,14 @@ def _identified(start: Actuator, onset: float, choice: Choice, path: Path, state
     else:
         found = _fitted(start, run, choice.free)
         if isinstance(found, str):
-            _tell_of(state, choice, checksum, failure=found)
+            _entry_of(state, choice, checksum, failure=found)
             return SampleModel(choice.sample, choice, failure=found)
         fit = found
         path.parent.mkdir(exist_ok=True)
         write_fit(fit, path)
     model = SampleModel(choice.sample, choice, path, fit, _validated(fit, choice, onset))
     if before is None:
-        _tell_of(state, choice, checksum, scores=model.scores)
+        _entry_of(state, choice, checksum, scores=model.scores)
     return model
 
 
@@ -337,7 +342,8 @@ def _of_file(path: Path, checksum: str) -> Fit:
 
 
 def _validated(fit: Fit, choice: Choice, onset: float) -> Validation | None:
-    """The fit against the runs that it had not seen; one without a leak is held against none that passes its onset."""
+    """The fit against the runs that were not used for it; one without a leak is compared with none that passes its
+    onset."""
     leaks = bool(fit.actuator.structure.leak)
     unseen = [_named(one) for one in choice.unseen if leaks or _largest(one.record) <= onset]
     return validate(fit.actuator, unseen) if unseen else None
@@ -347,8 +353,8 @@ def _named(result: RunResult) -> Run:
     return replace(result.record, file=label_of(result))
 
 
-def _tell_of(
+def _entry_of(
     state: State, choice: Choice, checksum: str, *, scores: Mapping[str, float] | None = None, failure: str = ""
 ) -> None:
-    told: dict[str, Any] = {"sample": choice.sample, "model": choice.name, "of": choice.source.run.id, "run": checksum}
-    state.add("model", **told, scores=dict(scores or {}), failure=failure)
+    entry: dict[str, Any] = {"sample": choice.sample, "model": choice.name, "of": choice.source.run.id, "run": checksum}
+    state.add("model", **entry, scores=dict(scores or {}), failure=failure)

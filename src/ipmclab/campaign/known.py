@@ -20,7 +20,7 @@ from ipmclab.model.declared import ELECTRICAL, MOTION, in_group
 from ipmclab.model.stages.coupling import ZERO
 from ipmclab.run import Run
 
-Tell = Callable[[str], None]
+OnProgress = Callable[[str], None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +78,7 @@ def known_of(
     fits: Sequence[Fit] = (),
     free: Sequence[str] = (),
     models: Path | None = None,
-    tell: Tell = lambda _: None,
+    on_progress: OnProgress = lambda _: None,
 ) -> tuple[dict[str, KnownSample], tuple[str, ...]]:
     """What is known of each sample: by a fit that is given, or identified here from all of its runs.
 
@@ -95,8 +95,8 @@ def known_of(
         As ``identify`` takes them; the circuit, and the coupling where the tip was read, where it is empty.
     models : Path, optional
         The folder of the models that the campaign identified: where the search of a sample begins.
-    tell : callable
-        Is told what is done next.
+    on_progress : callable
+        Called with what is done next.
 
     Returns
     -------
@@ -121,9 +121,9 @@ def known_of(
             remarks += _newer(sample, found[sample])
             continue
         if not ours[sample]:
-            remarks.append(f"{sample} has no run yet, so that nothing says what its next one would tell")
+            remarks.append(f"{sample} has no run yet: the information of its next run is not known")
             continue
-        tell(f"identifying {sample}")
+        on_progress(f"identifying {sample}")
         try:
             found[sample] = _identified(_start(strip, models), ours[sample], free)
         except IpmclabError as error:
@@ -166,7 +166,7 @@ def _newer(sample: str, known: KnownSample) -> Iterator[str]:
     contents = {content for _, content in known.fit.runs}
     count = sum(one.record.content_sha256 not in contents for one in known.results)
     if count:
-        yield f"{count} runs of {sample} are not in its fit: what they tell does not count here"
+        yield f"{count} runs of {sample} are not in its fit: their information is not counted here"
 
 
 def _start(strip: Strip, models: Path | None) -> Actuator:

@@ -1,4 +1,4 @@
-"""On which line of a TOML text a key stands: what a message is to name."""
+"""On which line of a TOML text a key is: what a message is to name."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ _KEY: Final = re.compile(r"^\s*([A-Za-z0-9_\"'.-]+)\s*=")
 
 
 def line_of(text: str, place: str) -> int | None:
-    """The line, counted from 1, on which a key stands, or else the table that would hold it.
+    """The line, counted from 1, on which a key is, or else the table that would hold it.
 
     Parameters
     ----------

@@ -148,8 +148,8 @@ def _between(experiment: Experiment, *, is_rested: bool) -> str:
 
 
 def _limits(experiment: Experiment) -> str:
-    told = Limits.from_table(experiment.limits).as_text()
-    of = [f"{name.replace('_', ' ')} {told[name]}" for name in ("voltage", "current") if name in told]
+    limit_texts = Limits.from_table(experiment.limits).as_text()
+    of = [f"{name.replace('_', ' ')} {limit_texts[name]}" for name in ("voltage", "current") if name in limit_texts]
     return f"The guard watched: {'; '.join(of)}."
 
 

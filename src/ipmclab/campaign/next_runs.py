@@ -1,4 +1,5 @@
-"""Which runs a campaign should record next: those that tell most of what is not known yet of its samples."""
+"""Which runs a campaign should record next: those that give most information on what is not known yet of its
+samples."""
 
 from __future__ import annotations
 
@@ -14,7 +15,7 @@ from ipmclab.campaign.blocks import CampaignRun
 from ipmclab.campaign.campaign import ROOM, Campaign
 from ipmclab.campaign.grown import lines_of
 from ipmclab.campaign.identified import MODELS
-from ipmclab.campaign.known import KnownSample, Tell, has_laws, known_of, recorded_runs
+from ipmclab.campaign.known import KnownSample, OnProgress, has_laws, known_of, recorded_runs
 from ipmclab.campaign.planned import plan_campaign
 from ipmclab.errors import InputError
 from ipmclab.fit.fit import Fit
@@ -29,7 +30,7 @@ from ipmclab.rig.safety.limits import Limits
 BELOW_ELECTROLYSIS: Final = 1.2
 """Largest amplitude [V] that is proposed, unless the campaign itself applies more or a limit is named."""
 
-_ENOUGH: Final = 10**15  # bytes: a plan for the times of its runs asks for no disk
+_ENOUGH: Final = 10**15  # bytes: a plan for the times of its runs needs no disk
 
 
 @dataclass(frozen=True)
@@ -83,7 +84,7 @@ def propose_for_campaign(
     draws: int | Sequence[Samples] = 0,
     **asked: Any,
 ) -> NextRuns:
-    """Tell which runs of a campaign's samples to record next.
+    """Propose which runs of a campaign's samples to record next.
 
     What is known of a sample is what a fit of it says, or what its runs so far say, which are identified here. What can
     be recorded follows from the campaign: its limits, its conditions and its rest times.
@@ -103,7 +104,8 @@ def propose_for_campaign(
     draws : int or sequence of Samples
         As ``propose_runs`` takes them, of each sample one.
     **asked
-        ``inputs`` and ``rival`` of ``propose_runs``, and ``tell``, a function that is told what is done next.
+        ``inputs`` and ``rival`` of ``propose_runs``, and ``on_progress``, a function that is called with what is done
+        next.
 
     Raises
     ------
@@ -130,12 +132,12 @@ def propose_for_campaign(
     signals = ["triangle 1.5 V 0.2 Hz"]
     duration = "10 s"
     """
-    tell: Tell = asked.pop("tell", lambda _: None)
+    on_progress: OnProgress = asked.pop("on_progress", lambda _: None)
     results, left = ((), 0) if folder is None else recorded_runs(campaign, folder)
     models = None if folder is None else folder / MODELS
-    known, remarks = known_of(campaign, results, fits=fits, free=free, models=models, tell=tell)
+    known, remarks = known_of(campaign, results, fits=fits, free=free, models=models, on_progress=on_progress)
     ways = {sample: ways_of(campaign, sample, one, wishes or Wishes()) for sample, one in known.items()}
-    tell("asking the model")
+    on_progress("asking the model")
     proposal = propose_for_strips(
         {sample: one.fit for sample, one in known.items()},
         ways,
@@ -145,7 +147,7 @@ def propose_for_campaign(
         **asked,
     )
     if left:
-        remarks = (*remarks, f"{left} runs of the campaign are not recorded yet: what they will tell does not count")
+        remarks = (*remarks, f"{left} runs of the campaign are not recorded yet: their information is not counted")
     proposal = replace(proposal, remarks=remarks)
     return NextRuns(proposal, lines_of(campaign, proposal, {sample: one.condition for sample, one in known.items()}))
 
@@ -185,7 +187,7 @@ def ways_of(campaign: Campaign, sample: str, known: KnownSample, wishes: Wishes)
     InputError
         No experiment reads what the fit has read, where it was.
     """
-    times = _times_beside_signals(campaign, sample)
+    times = _times_without_signals(campaign, sample)
     follows = has_laws(known.fit.actuator)
     outputs = {name for one in known.fit.observations for name in one.noise}
     found: dict[str, Allowance] = {}
@@ -246,19 +248,20 @@ def _limits(experiment: Experiment, given: Mapping[str, str]) -> Limits:
     return replace(limits, voltage=replace(limits.voltage, most=most))
 
 
-def _times_beside_signals(campaign: Campaign, sample: str) -> dict[str, float]:
-    """What a run of each experiment takes [s] beside its signal: rests, zeros, and what else the campaign plans.
+def _times_without_signals(campaign: Campaign, sample: str) -> dict[str, float]:
+    """What a run of each experiment takes [s] in addition to its signal: rests, zeros, and what else the campaign
+    plans.
 
-    A run that stands alone in its plan has no pause there; the next one after it has.
+    A run that is alone in its plan has no pause there; the next one after it has.
     """
     found: dict[str, float] = {}
     for one in plan_campaign(campaign, bytes_free=_ENOUGH).runs:
         run: CampaignRun = one.run
         if run.sample == sample and run.planned.purpose == "signal":
-            beside = one.seconds - run.planned.duration
-            found[run.part] = min(beside, found.get(run.part, beside))
+            overhead = one.seconds - run.planned.duration
+            found[run.part] = min(overhead, found.get(run.part, overhead))
     experiments = {part.name: part.experiments[sample] for part in campaign.parts if part.name in found}
-    return {name: max(beside, _rest(experiments[name])) for name, beside in found.items()}
+    return {name: max(overhead, _rest(experiments[name])) for name, overhead in found.items()}
 
 
 def _rest(experiment: Experiment) -> float:

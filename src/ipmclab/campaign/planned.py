@@ -46,7 +46,7 @@ class CampaignPlan:
     remarks : tuple of str
     seconds : float [s]
         In all, at the least, without what people do.
-    asks : tuple of str
+    questions : tuple of str
         What people are asked to do, once for each kind of step.
     bytes_needed : int
     """
@@ -57,7 +57,7 @@ class CampaignPlan:
     limits: dict[str, dict[str, str]]
     remarks: tuple[str, ...]
     seconds: float
-    asks: tuple[str, ...]
+    questions: tuple[str, ...]
     bytes_needed: int
 
     def watched(self) -> dict[str, str]:
@@ -74,7 +74,7 @@ class CampaignPlan:
         parts: dict[str, dict[str, list[str]]] = {}
         for block in self.blocks:
             limits = self.limits[_place(block)]
-            text = ", ".join(f"{name} {told}" for name, told in limits.items())
+            text = ", ".join(f"{name} {limit}" for name, limit in limits.items())
             samples = parts.setdefault(block.part, {}).setdefault(text, [])
             if block.strip.sample.id not in samples:
                 samples.append(block.strip.sample.id)
@@ -109,14 +109,14 @@ class CampaignPlan:
             ],
             "limits": self.limits,
             "remarks": list(self.remarks),
-            "asks": list(self.asks),
+            "asks": list(self.questions),
             "seconds": self.seconds,
             "bytes_needed": self.bytes_needed,
         }
 
 
 def plan_campaign(campaign: Campaign, *, bytes_free: int) -> CampaignPlan:
-    """Check every run of a campaign against rig, limits and disk, and tell when each will come.
+    """Check every run of a campaign against rig, limits and disk, and compute when each will come.
 
     Parameters
     ----------
@@ -127,7 +127,7 @@ def plan_campaign(campaign: Campaign, *, bytes_free: int) -> CampaignPlan:
     Raises
     ------
     InputError
-        What cannot be done, with the experiment that asks for it.
+        What cannot be done, with its experiment.
 
     Examples
     --------
@@ -141,17 +141,17 @@ def plan_campaign(campaign: Campaign, *, bytes_free: int) -> CampaignPlan:
     timed: list[TimedRun] = []
     limits: dict[str, dict[str, str]] = {}
     remarks: dict[str, None] = {}
-    asks: dict[str, None] = {}
+    questions: dict[str, None] = {}
     passed, needed = 0.0, BALLAST
     for one in sittings_of(campaign, blocks):
         plan = _plan(campaign, one, bytes_free)
         limits[_place(one.block)] = plan.as_dict()["limits"]
         remarks.update(dict.fromkeys(f"{one.block.part}: {text}" for text in plan.remarks))
-        asks.update(dict.fromkeys(step.text for step in plan.steps if step.question is not None))
+        questions.update(dict.fromkeys(step.text for step in plan.steps if step.question is not None))
         timed += _timed(one, plan, passed)
         passed += plan.seconds
         needed += plan.bytes_needed - BALLAST
-    return CampaignPlan(campaign, blocks, tuple(timed), limits, tuple(remarks), passed, tuple(asks), needed)
+    return CampaignPlan(campaign, blocks, tuple(timed), limits, tuple(remarks), passed, tuple(questions), needed)
 
 
 def _place(block: Block) -> str:

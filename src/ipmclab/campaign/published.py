@@ -1,4 +1,4 @@
-"""What the thesis printed of its samples beside what a campaign gives: the same number, read in the same way."""
+"""What the thesis printed of its samples compared with what a campaign gives: the same number, read in the same way."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ _SAMPLE: Final = re.compile(r"friend-(\d)$")
 
 @dataclass(frozen=True)
 class Reproduced:
-    """One printed number beside that of a campaign.
+    """One printed number next to that of a campaign.
 
     Parameters
     ----------
@@ -140,14 +140,14 @@ def curled(repeated: Sequence[Repeated]) -> tuple[Curled, ...]:
 
 def unprinted(repeated: Sequence[Repeated], found: Sequence[Reproduced]) -> tuple[str, ...]:
     """Kinds of runs of which nothing is printed."""
-    told = {(one.published.sample, one.published.measured, one.signal, one.published.conditions) for one in found}
+    covered = {(one.published.sample, one.published.measured, one.signal, one.published.conditions) for one in found}
     curls = [one.published for one in curled(repeated)]
-    told |= {(one.samples[0], one.measured, BASELINE, one.conditions) for one in curls}
+    covered |= {(one.samples[0], one.measured, BASELINE, one.conditions) for one in curls}
     names = []
     for one in repeated:
         match = _SAMPLE.match(one.sample)
         key = (int(match[1]), one.measured, one.label, _as_published(one.condition)) if match else None
-        if key is not None and key not in told:
+        if key is not None and key not in covered:
             names.append(f"{one.sample}, {one.part}, {one.condition}, {one.label}")
     return tuple(names)
 
@@ -156,7 +156,7 @@ def _of(row: PublishedMeasurement, there: Sequence[Repeated]) -> Iterator[Reprod
     """The number of the first experiment that has this run."""
     channel, name = _channel(row.metric), READ_AS[row.waveform, row.metric]
     for one in there:
-        # A current that stands at 40 s has not come to stand at 8 s.
+        # A current that is steady at 40 s is not yet steady at 8 s.
         lasts = {result.run.planned.duration for result in one.results} == {DURATION}
         is_it = lasts and (one.measured, one.label) == (row.measured, _signal(row))
         metrics = one.metrics(channel, name) if is_it else ()

@@ -95,11 +95,11 @@ class Repeated:
         found = self.mean(channel, name)
         if found is None:
             return None
-        mean, spread, count = found
+        mean, deviation, count = found
         metrics = self.metrics(channel, name)
         if count == 1:
             return metrics[0].interval
-        reach = float(stdtrit(count - 1, 0.975)) * spread / math.sqrt(count)
+        reach = float(stdtrit(count - 1, 0.975)) * deviation / math.sqrt(count)
         reach = math.hypot(reach, max(one.of_drift for one in metrics))
         return mean - reach, mean + reach
 
@@ -121,20 +121,20 @@ def read_results(
     """
     found = []
     for run in (run for block in blocks for run in block.runs):
-        told = recorded.get(run.id)
-        if told is None or told["verdict"] not in ("kept", "flagged"):
+        event = recorded.get(run.id)
+        if event is None or event["verdict"] not in ("kept", "flagged"):
             continue
         try:
-            record = read_run(folder / told["path"])
+            record = read_run(folder / event["path"])
         except InputError:
-            if told["verdict"] == "flagged":  # perhaps for this very reason
+            if event["verdict"] == "flagged":  # perhaps for this very reason
                 continue
             raise
-        codes = tuple(dict.fromkeys(one["code"] for one in told["findings"] if one["severity"] != "info"))
+        codes = tuple(dict.fromkeys(one["code"] for one in event["findings"] if one["severity"] != "info"))
         findings = check(record)
         said = {one.code: one.message for one in findings}
         metrics = measure(record, findings)
-        found.append(RunResult(run, record, told["path"], told["verdict"], codes, metrics, said))
+        found.append(RunResult(run, record, event["path"], event["verdict"], codes, metrics, said))
     return tuple(found)
 
 
@@ -190,12 +190,12 @@ def write_repeats(repeated: Sequence[Repeated], path: Path) -> Path:
         for kind in repeated:
             units = {(one.channel, one.name): one.unit for result in kind.results for one in result.metrics}
             for (channel, name), unit in units.items():
-                mean, spread, count = kind.mean(channel, name) or (math.nan, math.nan, 0)
+                mean, deviation, count = kind.mean(channel, name) or (math.nan, math.nan, 0)
                 low, high = kind.interval(channel, name) or ("", "")
                 about = [kind.sample, kind.part, kind.condition, kind.label, kind.measured, channel, name]
                 baselines = dict.fromkeys(one.baseline for one in kind.results if channel == "displacement")
                 text = "; ".join(name for name in baselines if name)
-                table.writerow([*about, mean, "" if count < 2 else spread, count, low, high, unit, text])
+                table.writerow([*about, mean, "" if count < 2 else deviation, count, low, high, unit, text])
     return path
 
 

@@ -32,7 +32,7 @@ class Sitting:
 
     @property
     def experiment(self) -> Experiment:
-        """What the recorder is told."""
+        """What the recorder gets."""
         listed = tuple(run.listed(uuid) for run, uuid in zip(self.runs, self.uuids, strict=True))
         signals = tuple(dict.fromkeys(one.signal for one in listed))
         return replace(self.block.experiment, listed=listed, signals=signals)

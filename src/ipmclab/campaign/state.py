@@ -1,7 +1,7 @@
-"""What a campaign has done, on the disk: a file that only grows, and that tells the truth after any power cut.
+"""What a campaign has done, on the disk: a file that only grows, and that is right after any power cut.
 
 Each event is one line: JSON, a space, and its CRC-32. A line that is cut off, or that does not check, never happened.
-What it would have told is found out again: a run that a sitting began is looked for by its uuid.
+What it would have reported is found out again: a run that a sitting began is looked for by its uuid.
 """
 
 from __future__ import annotations
@@ -73,9 +73,9 @@ class State:
         os.close(self._file)
 
     def add(self, event: str, **values: Any) -> None:
-        """Tell of something that has happened, or is about to; it is on the disk when this returns."""
-        told = {"event": event, "at": datetime.now().astimezone().isoformat(timespec="seconds"), **values}
-        line = _line(told)
+        """Record something that has happened, or is about to; it is on the disk when this returns."""
+        record = {"event": event, "at": datetime.now().astimezone().isoformat(timespec="seconds"), **values}
+        line = _line(record)
         try:
             if os.write(self._file, line) < len(line):
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
@@ -85,9 +85,9 @@ class State:
                 f"the log of the campaign cannot be written: {error.strerror}",
                 code="write-failed",
                 where=str(self.path),
-                repair="see that the disk has room; the same command goes on",
+                repair="check that the disk has free space; the same command continues",
             ) from error
-        self.events.append(told)
+        self.events.append(record)
 
     @property
     def begun(self) -> Mapping[str, Any] | None:
@@ -126,8 +126,8 @@ class State:
         return {uuid: run for uuid, run in begun.items() if uuid not in known | over}
 
 
-def _line(told: Mapping[str, Any]) -> bytes:
-    text = json.dumps(told, ensure_ascii=True).encode()
+def _line(record: Mapping[str, Any]) -> bytes:
+    text = json.dumps(record, ensure_ascii=True).encode()
     return text + f" {zlib.crc32(text):08x}\n".encode()
 
 

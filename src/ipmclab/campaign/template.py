@@ -6,10 +6,10 @@ from typing import Final
 
 TEMPLATE: Final = """\
 title = "two strips, three voltages"
-rig = "virtual"                   # or a rig file beside this one
-order = "randomised"              # of samples and signals, anew in each repeat; "listed": as they stand here
+rig = "virtual"                   # or a rig file in this folder
+order = "randomised"              # of samples and signals, new in each repeat; "listed": in the order of this file
 seed = 1                          # of the random order
-clamped = "for each block"        # or "for each run": hydrated and clamped anew each time
+clamped = "for each block"        # or "for each run": hydrated and clamped again each time
 attempts = 2                      # of a run that fails its checks; then it is flagged
 fails_at = "error"                # the least severity of a finding with which a run fails; or "warning", "never"
 measure = ["mass", "sheet resistance", "stiffness"]

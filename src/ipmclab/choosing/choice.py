@@ -70,7 +70,7 @@ SUPPORTED: Final = 2.0
 
 
 AS_CLOSE: Final = 1.1
-"""Times the least held-out error (RMSE) up to which a model predicts as well: a tenth is seen in no figure."""
+"""Times the least held-out error (RMSE) up to which a model predicts as well: a tenth is visible in no figure."""
 
 
 def as_close(candidates: Sequence[Candidate]) -> list[str]:
@@ -100,8 +100,8 @@ class Choice(Shown):
     candidates : tuple of Candidate
         The best prediction first; those that could not be compared last.
     preferred : str
-        Of the models that the runs cannot tell from the best one, and whose held-out error is near the least of theirs,
-        that with the fewest parameters.
+        Of the models that the runs cannot distinguish from the best one, and whose held-out error is near the least of
+        theirs, that with the fewest parameters.
     differences : mapping of (name, name) to Difference
         Between every two models that could be compared.
     held_out : "runs" or "blocks"
@@ -136,7 +136,7 @@ class Choice(Shown):
 
     @property
     def best(self) -> str:
-        """The model whose prediction was nearest, whether or not the runs can tell it from others."""
+        """The model whose prediction was nearest, whether or not the runs can distinguish it from others."""
         return self.ranked[0].name
 
     @property
@@ -171,7 +171,7 @@ class Choice(Shown):
             were = "was" if len(self.unfinished) == 1 else "were"
             lines.append(f"Interrupted: {_listed(self.unfinished)} {were} not finished, and {were} not compared.")
         against = [(one, self.differences[one.name, self.best]) for one in ranked[1:]]
-        alike = [one for one, apart in against if not apart.is_told]
+        alike = [one for one, difference in against if not difference.is_distinguished]
         if alike:
             lines.append(f"These records cannot distinguish {_listed([self.best, *(one.name for one in alike)])}.")
             these = [self[self.best], *alike]
@@ -190,9 +190,9 @@ class Choice(Shown):
             lines.append(f"{self.best} predicts best, and the records distinguish it from every other model.")
         else:
             lines.append(f"{self.best} is the only model that could be compared.")
-        for one, apart in against:
-            if apart.is_told:
-                size = f"{abs(apart.value):.3g} nats, standard error {apart.standard_error:.2g}"
+        for one, difference in against:
+            if difference.is_distinguished:
+                size = f"{abs(difference.value):.3g} nats, standard error {difference.standard_error:.2g}"
                 lines.append(f"{one.name} predicts worse than {self.best} (by {size}).")
         lines += [*self._by_criteria(), *self._still_lacking()]
         lines += [
@@ -251,8 +251,12 @@ class Choice(Shown):
         """A line for each model, and what came of it."""
         lines = [f"{len(self.ranked)} models compared on {self.blocks} held-out blocks of {len(self.labels)} run(s)"]
         for one in self.ranked:
-            apart = self.to_best(one.name)
-            size = "" if apart is None else f", {apart.value:.3g} nats from the best (error {apart.standard_error:.2g})"
+            difference = self.to_best(one.name)
+            size = (
+                ""
+                if difference is None
+                else f", {difference.value:.3g} nats from the best (error {difference.standard_error:.2g})"
+            )
             lines.append(f"  {one.name}: {one.parameters} parameters{size}")
         return "\n".join([*lines, *self.sentences])
 
@@ -277,7 +281,7 @@ class Choice(Shown):
 
 
 def _as_dict(choice: Choice, one: Candidate) -> dict[str, Any]:
-    apart = choice.to_best(one.name) if one.log_predictive is not None else None
+    difference = choice.to_best(one.name) if one.log_predictive is not None else None
     return {
         "name": one.name,
         "reason": one.reason or None,
@@ -287,7 +291,7 @@ def _as_dict(choice: Choice, one: Candidate) -> dict[str, Any]:
         "parameters": one.parameters,
         "converged": None if one.fit is None else one.fit.converged,
         "log_predictive": one.log_predictive,
-        "to_best": None if apart is None else _difference(apart),
+        "to_best": None if difference is None else _difference(difference),
         "rmse": dict(one.rmse),
         "log_likelihood": one.log_likelihood,
         "aic": one.aic,
@@ -306,7 +310,7 @@ def _difference(one: Difference) -> dict[str, Any]:
         "value": one.value,
         "standard_error": one.standard_error,
         "limit": one.limit,
-        "told": one.is_told,
+        "told": one.is_distinguished,
     }
 
 

@@ -21,7 +21,7 @@ from ipmclab.choosing.held_out import (
 )
 from ipmclab.choosing.models import FEWEST, free_of, named_models, refuse_unknown, words_of
 from ipmclab.choosing.ranking import none_compared, ranked_choice
-from ipmclab.choosing.stages_shown import shown_in_one, stages_apart, stages_held
+from ipmclab.choosing.stages_shown import differing_stages, shown_in_one, stages_held
 from ipmclab.engine import Engine, Here
 from ipmclab.errors import InputError, IpmclabError
 from ipmclab.fit.fit import Fit
@@ -39,10 +39,10 @@ BLOCKS: Final = 24
 FOLDS: Final = 6
 """Parts in which blocks are held out together."""
 
-Tell = Callable[[str, int, int], None]
+OnProgress = Callable[[str, int, int], None]
 
 _FAULTS: Final = (ArithmeticError, ValueError, np.linalg.LinAlgError)
-"""What a fit of an unsuitable model may end in, besides our own errors."""
+"""What a fit of an unsuitable model may end in, in addition to our own errors."""
 
 
 @on_one_thread
@@ -58,7 +58,7 @@ def choose(
     folds: int = FOLDS,
     labels: Sequence[str] | None = None,
     engine: Engine | None = None,
-    progress: Tell | None = None,
+    progress: OnProgress | None = None,
 ) -> Choice:
     """Fit several models, and rank them by how likely they make readings that they did not see.
 
@@ -85,7 +85,7 @@ def choose(
     engine : Engine, optional
         Who fits: this process where it is left out. The answer is the same, to the last bit.
     progress : function of (str, int, int), optional
-        Told before each fit: what, how many fits are done, and of how many.
+        Called before each fit: what, how many fits are done, and of how many.
 
     Returns
     -------
@@ -122,38 +122,38 @@ def choose(
         raise none_compared(candidates)
     refuse_unknown((*asked, *own), [model for _, model in built])
     whole_runs = len(given) > 1 if held_out is None else held_out == "runs"
-    told = list(labels) if labels is not None else run_labels(given)
+    run_names = list(labels) if labels is not None else run_labels(given)
     channels = {name for run in given for name in READ_OUTPUTS if name in run.channels}
     each = min(folds, len(given)) if whole_runs else folds
     count, done = len(built) * (1 + each), 0
     place_of = {name: f"model {place} of {len(built)}" for place, (name, _) in enumerate(built, start=1)}
 
-    def tell(name: str, what: str) -> bool:
+    def on_progress(name: str, what: str) -> bool:
         nonlocal done
         if progress is not None:
             progress(f"{place_of[name]}: {name}, {what}", done, count)
         done += 1
         return True
 
-    by, every = engine or Here(), _Given(given, told)
+    by, every = engine or Here(), _Given(given, run_names)
     tasks = [_Asked(name, model, free_of(model, channels, asked), _own(model, own)) for name, model in built]
     candidates |= {one.name: Candidate(one.name, free=one.free) for one in tasks}  # in the order in which they came
-    for place, fit in by.map(_fit_all, every, (one for one in tasks if tell(one.name, "all runs"))):
+    for place, fit in by.map(_fit_all, every, (one for one in tasks if on_progress(one.name, "all runs"))):
         one = candidates[tasks[place].name]
         done += each if isinstance(fit, str) else 0
         candidates[one.name] = (
             replace(one, reason=fit) if isinstance(fit, str) else replace(one, fit=fit, parameters=len(fit.parameters))
         )
-    division, unscored = _divide(given, told, candidates, whole_runs=whole_runs, blocks=blocks, folds=each)
+    division, unscored = _divide(given, run_names, candidates, whole_runs=whole_runs, blocks=blocks, folds=each)
     said: dict[str, HeldOut] = {}
-    apart = stages_apart(dict(built))
+    difference = differing_stages(dict(built))
     fitted = [one for one in tasks if candidates[one.name].fit is not None]
     try:
-        for name, parts in _folds(by, replace(every, division=division), fitted, tell):
+        for name, parts in _folds(by, replace(every, division=division), fitted, on_progress):
             if isinstance(parts, str):
                 candidates[name] = replace(candidates[name], reason=f"without a part of the readings: {parts}")
             else:
-                candidates[name], said[name] = _judged(candidates[name], parts, division, apart[name])
+                candidates[name], said[name] = _judged(candidates[name], parts, division, difference[name])
     except KeyboardInterrupt:
         if len(said) < FEWEST:
             raise
@@ -165,7 +165,7 @@ def choose(
     said = {name: said[name] for name in candidates if name in said}
     for name, stages in stages_held(dict(built), {name: candidates[name].free for name, _ in built}).items():
         candidates[name] = replace(candidates[name], held=stages)
-    return ranked_choice(given, candidates, said, division, unscored, told)
+    return ranked_choice(given, candidates, said, division, unscored, run_names)
 
 
 def _judged(
@@ -226,7 +226,7 @@ def _fit_without(given: _Given, asked: _Asked) -> Fold | str:
 
 
 def _folds(
-    engine: Engine, given: _Given, fitted: Sequence[_Asked], tell: Callable[[str, str], bool]
+    engine: Engine, given: _Given, fitted: Sequence[_Asked], on_progress: Callable[[str, str], bool]
 ) -> Iterator[tuple[str, tuple[Fold, ...] | str]]:
     """Each model with what it says without each fold, as soon as all of that is there; or why there is something not.
 
@@ -240,7 +240,7 @@ def _folds(
     def tasks() -> Iterator[_Asked]:
         for one in fitted:
             for fold in range(count):
-                if one.name not in failed and tell(one.name, f"part {fold + 1} of {count} held out"):
+                if one.name not in failed and on_progress(one.name, f"part {fold + 1} of {count} held out"):
                     begun.append(replace(one, fold=fold))
                     yield begun[-1]
 

@@ -64,14 +64,14 @@ class Difference:
     blocks: int
 
     @property
-    def is_told(self) -> bool:
+    def is_distinguished(self) -> bool:
         """Whether the difference is larger than chance would make it."""
         return abs(self.value) > self.limit * self.standard_error
 
     def __str__(self) -> str:
         """One sentence."""
         size = f"{abs(self.value):.3g} nats, standard error {self.standard_error:.3g}"
-        if not self.is_told:
+        if not self.is_distinguished:
             return f"These records cannot distinguish {self.model} from {self.other} (difference {size})."
         better, worse = (self.model, self.other) if self.value > 0.0 else (self.other, self.model)
         return f"{better} predicts better than {worse} (by {size})."
@@ -112,23 +112,23 @@ def difference(
     ...     density = -0.5 * (error**2 + np.log(2.0 * np.pi))
     ...     return HeldOut(np.bincount(block_of, density), error, np.ones(1000))
     >>> one_run = np.zeros(20, dtype=int)
-    >>> difference(("A", said(noise)), ("B", said(noise + 0.5)), block_of, one_run).is_told
+    >>> difference(("A", said(noise)), ("B", said(noise + 0.5)), block_of, one_run).is_distinguished
     True
-    >>> difference(("A", said(noise)), ("B", said(noise + 0.01)), block_of, one_run).is_told
+    >>> difference(("A", said(noise)), ("B", said(noise + 0.01)), block_of, one_run).is_distinguished
     False
     """
     from scipy.special import stdtrit
 
     (name, mine), (other_name, its) = model, other
-    told = mine.score - its.score
-    count = len(told)
+    gains = mine.score - its.score
+    count = len(gains)
     able = np.asarray(np.bincount(block_of, _variance(mine, its), minlength=count), dtype=np.float64)
     whole = float(able.sum())
     if count < 2 or whole <= 0.0:
-        return Difference(name, other_name, float(told.sum()), math.inf if told.any() else 0.0, math.inf, count)
+        return Difference(name, other_name, float(gains.sum()), math.inf if gains.any() else 0.0, math.inf, count)
     # A block that can say nothing would let rounding speak.
     able = able + 1e-3 * whole / count
-    left = told - told.sum() / able.sum() * able
+    left = gains - gains.sum() / able.sum() * able
     phi, freedom = _scatter(left / np.sqrt(able)), count - 1
     runs = np.unique(run_of)
     if len(runs) >= ENOUGH_RUNS:
@@ -137,7 +137,7 @@ def difference(
         if between > phi:
             phi, freedom = between, len(runs) - 1
     error = math.sqrt(max(phi, 1.0) * float(able.sum()) + _NOISE_FITTED)
-    return Difference(name, other_name, float(told.sum()), error, float(stdtrit(freedom, 0.975)), count)
+    return Difference(name, other_name, float(gains.sum()), error, float(stdtrit(freedom, 0.975)), count)
 
 
 def _variance(mine: HeldOut, its: HeldOut) -> FloatArray:

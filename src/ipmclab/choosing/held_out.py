@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from ipmclab.choosing.blocks import Block
 from ipmclab.choosing.compare import HeldOut
-from ipmclab.choosing.kernels import filter_spread
+from ipmclab.choosing.kernels import filter_covariance
 from ipmclab.choosing.noise import FadingNoise, Filtered, ResidualSeries, fit_noise
 from ipmclab.choosing.spread import directions, slopes
 from ipmclab.errors import IpmclabError
@@ -81,7 +81,7 @@ class Division:
         return ResidualSeries(
             time=record.run.time,
             residual=np.where(reading.exact, residual, 0.0),
-            seen=reading.exact,
+            observed=reading.exact,
             noise=max(reading.noise, 1e-9 * extent),
             extent=extent,
         )
@@ -155,9 +155,9 @@ def hold_out(
         if in_fit is not None:
             left |= residuals(division, part, run, place, in_fit)
         else:
-            told = validate(part.actuator, [run]).runs[0]
-            left |= _series(division, place, told.comparisons)
-            delay = told.delay
+            validated = validate(part.actuator, [run]).runs[0]
+            left |= _series(division, place, validated.comparisons)
+            delay = validated.delay
         outputs = division.outputs_of(place)
         found = slopes(part, division.records[place], outputs, in_fit=in_fit, delay=delay)
         moved |= {(place, output): columns for output, columns in found.items()}
@@ -206,7 +206,7 @@ def held_out_rmse(folds: Sequence[Fold], division: Division) -> dict[str, float]
     """Root mean square of the held-out errors of each output [SI]."""
     found = {}
     for output in division.outputs:
-        errors = np.concatenate([one.residual[one.seen] for one in _held_out(folds, division, output)])
+        errors = np.concatenate([one.residual[one.observed] for one in _held_out(folds, division, output)])
         found[output] = math.sqrt(float(np.mean(errors**2)))
     return found
 
@@ -228,12 +228,12 @@ def score_blocks(folds: Sequence[Fold], division: Division, noise: Mapping[str, 
     """The log predictive density of every block, given the readings that the fit saw.
 
     The noise is autocorrelated, so what the fit saw before and after a block says something of the noise
-    in it: the density of a block is that of the seen readings with the block over that without it.
+    in it: the density of a block is that of the observed readings with the block over that without it.
     A model that bends with a drift gains nothing over one that leaves the drift to the noise. Of a run that was
-    held out whole nothing was seen: its blocks follow each other.
+    held out whole nothing was observed: its blocks follow each other.
 
-    The parameters are not known better than what the fit saw tells under this noise: along what they may be off, the
-    prediction is so much wider.
+    The parameters are not known better than the readings of the fit allow under this noise: along what they may be off,
+    the prediction is so much wider.
     """
 
     off_by = [_off_by(fold, place, division, noise) for place, fold in enumerate(folds)]
@@ -254,23 +254,23 @@ def score_blocks(folds: Sequence[Fold], division: Division, noise: Mapping[str, 
                 known[block.fold, key] = (
                     noise[output].filter(series, columns=columns)
                     if division.whole_runs
-                    else noise[output].filter(series, series.seen & ~held)
+                    else noise[output].filter(series, series.observed & ~held)
                 )
-            filtered, rows = known[block.fold, key], here & series.seen
+            filtered, rows = known[block.fold, key], here & series.observed
             if division.whole_runs:
-                error, spread_of = filtered.innovation[rows], filtered.variance[rows]
-                scores[number] -= 0.5 * float(np.sum(np.log(2.0 * np.pi * spread_of) + error**2 / spread_of))
+                error, variances = filtered.innovation[rows], filtered.variance[rows]
+                scores[number] -= 0.5 * float(np.sum(np.log(2.0 * np.pi * variances) + error**2 / variances))
             else:
                 before = filtered.total
                 columns[~here] = 0.0
-                filtered = noise[output].filter(series, series.seen & (~held | here), columns)
+                filtered = noise[output].filter(series, series.observed & (~held | here), columns)
                 scores[number] += filtered.total - before
             deviation = np.sqrt(filtered.variance[rows])
             white, count = filtered.whitened[rows], columns.shape[1]
             at = block.run if division.whole_runs else -1 - number
             mean, root = learned.setdefault(at, (np.zeros(count), np.eye(count)))
             left, widened = np.empty(len(deviation)), np.empty(len(deviation))
-            scores[number] += filter_spread(filtered.innovation[rows] / deviation, white, mean, root, left, widened)
+            scores[number] += filter_covariance(filtered.innovation[rows] / deviation, white, mean, root, left, widened)
             innovation.append(left * deviation)
             variance.append(widened * deviation**2)
     return HeldOut(scores, np.concatenate(innovation), np.concatenate(variance))
@@ -278,9 +278,9 @@ def score_blocks(folds: Sequence[Fold], division: Division, noise: Mapping[str, 
 
 def _off_by(fold: Fold, number: int, division: Division, noise: Mapping[str, FadingNoise]) -> FloatArray:
     """The errors of a fold's parameters, from what its fit saw."""
-    seen = []
+    observed = []
     for key, weight in fold.weights.items():
         series = fold.residuals[key]
         held = division.held_rows(division.records[key[0]], number)
-        seen.append((replace(series, seen=series.seen & ~held), fold.slopes[key], weight, noise[key[1]]))
-    return directions(seen)
+        observed.append((replace(series, observed=series.observed & ~held), fold.slopes[key], weight, noise[key[1]]))
+    return directions(observed)

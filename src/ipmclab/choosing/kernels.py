@@ -13,7 +13,7 @@ FloatArray = npt.NDArray[np.float64]
 
 
 @kernel
-def filter_spread(
+def filter_covariance(
     normal: FloatArray,
     columns: FloatArray,
     mean: FloatArray,
@@ -24,7 +24,7 @@ def filter_spread(
     """Log density of white residuals whose mean is uncertain along some columns, less that without the uncertainty.
 
     One reading after the other sharpens what is known of the coefficients of the columns: recursive least squares on a
-    root of their covariance (Potter 1963), which no rounding makes negative however much a reading tells.
+    root of their covariance (Potter 1963), which no rounding makes negative however much information a reading has.
 
     Parameters
     ----------
@@ -39,26 +39,26 @@ def filter_spread(
     """
     count = len(mean)
     gained = 0.0
-    turned, seen = np.empty(count), np.empty(count)
+    turned, observed = np.empty(count), np.empty(count)
     for k in range(len(normal)):
-        left, spread = normal[k], 1.0
+        left, variance = normal[k], 1.0
         for j in range(count):
             turned[j] = 0.0
             for i in range(count):
                 turned[j] += root[i, j] * columns[k, i]
             left -= columns[k, j] * mean[j]
-            spread += turned[j] * turned[j]
+            variance += turned[j] * turned[j]
         for i in range(count):
-            seen[i] = 0.0
+            observed[i] = 0.0
             for j in range(count):
-                seen[i] += root[i, j] * turned[j]
-        error[k], widened[k] = left, spread
-        gained += 0.5 * (normal[k] * normal[k] - left * left / spread - math.log(spread))
-        part = spread + math.sqrt(spread)
+                observed[i] += root[i, j] * turned[j]
+        error[k], widened[k] = left, variance
+        gained += 0.5 * (normal[k] * normal[k] - left * left / variance - math.log(variance))
+        part = variance + math.sqrt(variance)
         for i in range(count):
-            mean[i] += seen[i] * left / spread
+            mean[i] += observed[i] * left / variance
             for j in range(count):
-                root[i, j] -= seen[i] * turned[j] / part
+                root[i, j] -= observed[i] * turned[j] / part
     return gained
 
 

@@ -140,9 +140,9 @@ def free_of(actuator: Actuator, channels: Iterable[str], given: Sequence[str]) -
     names = list(actuator.parameter_values)
     if given:
         return tuple(word for word in given if _has(names, word))
-    seen = set(channels)
-    found = [ELECTRICAL] if "current" in seen else []
-    found += [MOTION] if seen & {"displacement", "force"} else []
+    observed = set(channels)
+    found = [ELECTRICAL] if "current" in observed else []
+    found += [MOTION] if observed & {"displacement", "force"} else []
     return (*found, *(group for group in stage_groups() if in_group(group, names)))
 
 

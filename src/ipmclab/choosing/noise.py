@@ -23,7 +23,7 @@ FloatArray = npt.NDArray[np.float64]
 IndexArray = npt.NDArray[np.int64]
 Mask = npt.NDArray[np.bool_]
 
-MOST_PARTS: Final = 2  # fading noises beside each other (a limit)
+MOST_PARTS: Final = 2  # fading noises together (a limit)
 _FLOOR: Final = 1e-9  # of the extent: a residual below is arithmetic
 _ALIKE: Final = 9  # digits of a step, in shortest steps
 _LONGEST: Final = 10.0  # records: a process slower than that is a constant
@@ -37,7 +37,7 @@ class ResidualSeries:
     ----------
     time : float array, shape (n_time,) [s]
     residual : float array, shape (n_time,) [SI]
-    seen : bool array, shape (n_time,)
+    observed : bool array, shape (n_time,)
     noise : float [SI]
         Scatter between neighbouring readings: white noise is counted in it.
     extent : float [SI]
@@ -46,18 +46,18 @@ class ResidualSeries:
 
     time: FloatArray
     residual: FloatArray
-    seen: Mask
+    observed: Mask
     noise: float
     extent: float
 
     @cached_property
     def steps(self) -> tuple[IndexArray, FloatArray, IndexArray]:
-        """The rows that are seen, the steps of time that lead to them [s], and of which size each is."""
-        return _steps(self.time, self.seen)
+        """The rows that are observed, the steps of time that lead to them [s], and of which size each is."""
+        return _steps(self.time, self.observed)
 
 
-def _steps(time: FloatArray, seen: Mask) -> tuple[IndexArray, FloatArray, IndexArray]:
-    rows = np.flatnonzero(seen)
+def _steps(time: FloatArray, observed: Mask) -> tuple[IndexArray, FloatArray, IndexArray]:
+    rows = np.flatnonzero(observed)
     passed = np.diff(time[rows], prepend=time[rows[:1]])
     shortest = passed[1:].min() if len(rows) > 1 else 1.0
     # Steps that only rounding distinguishes are of one kind, so that an even record soon has one gain.
@@ -66,7 +66,8 @@ def _steps(time: FloatArray, seen: Mask) -> tuple[IndexArray, FloatArray, IndexA
 
 
 class Filtered(NamedTuple):
-    """Log density of the seen rows; of each row its error [SI], the variance of that [SI^2], and columns whitened."""
+    """Log density of the observed rows; of each row its error [SI], the variance of that [SI^2], and columns
+    whitened."""
 
     total: float
     innovation: FloatArray
@@ -100,13 +101,15 @@ class FadingNoise:
         """How many numbers were fitted."""
         return 1 + 2 * len(self.parts)
 
-    def filter(self, series: ResidualSeries, seen: Mask | None = None, columns: FloatArray | None = None) -> Filtered:
-        """The density of a residual, of all its seen rows or of those that ``seen`` names.
+    def filter(
+        self, series: ResidualSeries, observed: Mask | None = None, columns: FloatArray | None = None
+    ) -> Filtered:
+        """The density of a residual, of all its observed rows or of those that ``observed`` names.
 
-        Rows that are not seen only let time pass, so that gaps and unequal steps are exact. Columns of shape
+        Rows that are not observed only let time pass, so that gaps and unequal steps are exact. Columns of shape
         (n_time, n_columns) are foreseen and divided as the residual is.
         """
-        rows, sizes, kinds = series.steps if seen is None else _steps(series.time, seen)
+        rows, sizes, kinds = series.steps if observed is None else _steps(series.time, observed)
         matrix = series.residual[rows, None]
         if columns is not None:
             matrix = np.hstack([matrix, columns[rows]])
@@ -149,13 +152,13 @@ class FadingNoise:
         >>> round(FadingNoise(0.0, (Part(1.0, 1.0),)).effective_readings(series), 1)
         50.5
         """
-        count = int(np.count_nonzero(series.seen))
+        count = int(np.count_nonzero(series.observed))
         if count < 2:
             return float(count)
         white = (self.white * series.noise) ** 2 + (_FLOOR * series.extent) ** 2
         of_one, of_mean = white, white / count
-        seen = series.time[series.seen]
-        length = float(seen[-1] - seen[0])
+        observed = series.time[series.observed]
+        length = float(observed[-1] - observed[0])
         for part in self.parts:
             square, ratio = (part.amplitude * series.extent) ** 2, part.time_constant / length
             of_one += square
@@ -180,9 +183,11 @@ def fit_noise(series: Sequence[ResidualSeries]) -> FadingNoise:
     >>> fit_noise([ResidualSeries(time, white, np.full(2000, True), 1.0, 5.0)]).parts
     ()
     """
-    used = [one for one in series if one.seen.any()]
-    count = sum(int(np.count_nonzero(one.seen)) for one in used)
-    scatter = math.sqrt(sum(float(np.sum((one.residual[one.seen] / one.noise) ** 2)) for one in used) / max(count, 1))
+    used = [one for one in series if one.observed.any()]
+    count = sum(int(np.count_nonzero(one.observed)) for one in used)
+    scatter = math.sqrt(
+        sum(float(np.sum((one.residual[one.observed] / one.noise) ** 2)) for one in used) / max(count, 1)
+    )
     best = FadingNoise(max(scatter, 1e-12))
     likely = sum(best.filter(one).total for one in used)
     penalty = 0.5 * math.log(max(count, 2))
@@ -198,7 +203,7 @@ def _richer(series: Sequence[ResidualSeries], noise: FadingNoise) -> list[Fading
     """Where to look for one more correlation: short and long ones."""
     length = max(float(one.time[-1] - one.time[0]) for one in series)
     step = min(float(np.min(np.diff(one.time))) for one in series)
-    relative = np.concatenate([one.residual[one.seen] / one.extent for one in series])
+    relative = np.concatenate([one.residual[one.observed] / one.extent for one in series])
     amplitude = max(0.7 * float(np.sqrt(np.mean(relative**2))), 1e-9)
     between = max(0.3 * noise.white, 1e-12)
     times = (5.0 * step, math.sqrt(5.0 * step * 0.2 * length), 0.2 * length)

@@ -43,11 +43,11 @@ def ranked_choice(
         if first != second
     }
     best = order[0]
-    alike = [best, *(name for name in order[1:] if not differences[name, best].is_told)]
+    alike = [best, *(name for name in order[1:] if not differences[name, best].is_distinguished)]
     close = as_close([candidates[name] for name in alike])
     preferred = min(close, key=lambda name: (candidates[name].parameters, order.index(name)))
     left = {name: _left(runs, candidates[name], division) for name in order}
-    readings = sum(int(np.count_nonzero(series.seen)) for series, _ in left[best].values())
+    readings = sum(int(np.count_nonzero(series.observed)) for series, _ in left[best].values())
     effective = sum(noise.effective_readings(series) for series, noise in left[best].values())
     finished = [_informed(candidates[name], left[name], effective) for name in order]
     failed = [one for name, one in candidates.items() if name not in said]

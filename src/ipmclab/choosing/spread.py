@@ -98,22 +98,22 @@ def slopes(
     return {output: np.ascontiguousarray(found[:, row].T) for row, output in enumerate(outputs)}
 
 
-def directions(seen: Sequence[tuple[ResidualSeries, FloatArray, float, FadingNoise]]) -> FloatArray:
+def directions(observed: Sequence[tuple[ResidualSeries, FloatArray, float, FadingNoise]]) -> FloatArray:
     """What one standard error of each independent combination of the parameters is, shape (n_parameter, n_direction).
 
     Parameters
     ----------
-    seen : sequence of (ResidualSeries, slopes, weight, noise)
+    observed : sequence of (ResidualSeries, slopes, weight, noise)
         Of each output of each run that the fit saw: the rows that it saw, the slopes of shape
         (n_time, n_parameter), one over the standard deviation that the fit gave its readings, and its noise.
     """
 
-    count = seen[0][1].shape[1]
+    count = observed[0][1].shape[1]
     if count == 0:
         return np.zeros((0, 0))
     information, scatter = np.zeros((count, count)), np.zeros((count, count))
-    for series, slope, weight, noise in seen:
-        weighed = np.where(series.seen[:, None], slope, 0.0) * weight
+    for series, slope, weight, noise in observed:
+        weighed = np.where(series.observed[:, None], slope, 0.0) * weight
         information += weighed.T @ weighed
         white = (noise.white * series.noise) ** 2 + (1e-9 * series.extent) ** 2
         moved = white * weighed

@@ -61,7 +61,7 @@ def stages_held(models: Mapping[str, Actuator], free: Mapping[str, Sequence[str]
         What of each is fitted.
     """
     found: dict[str, tuple[str, ...]] = {}
-    for name, own in stages_apart(models).items():
+    for name, own in differing_stages(models).items():
         try:
             moved = {stage_of(one) for one in parse_free(models[name].parameter_values, free[name]).actuator}
         except InputError:
@@ -70,13 +70,13 @@ def stages_held(models: Mapping[str, Actuator], free: Mapping[str, Sequence[str]
     return {name: held for name, held in found.items() if held}
 
 
-def stages_apart(models: Mapping[str, Actuator]) -> dict[str, tuple[str, ...]]:
+def differing_stages(models: Mapping[str, Actuator]) -> dict[str, tuple[str, ...]]:
     """The stages of each model that not every model has.
 
     Examples
     --------
     >>> from ipmclab import load_actuator
-    >>> stages_apart({name: load_actuator(name) for name in ("friend-2", "friend-2+leak.cubic")})
+    >>> differing_stages({name: load_actuator(name) for name in ("friend-2", "friend-2+leak.cubic")})
     {'friend-2': (), 'friend-2+leak.cubic': ('leak.cubic',)}
     """
     stages = {

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from ipmclab.fit.fit import Fit
-    from ipmclab.progress import Tell
+    from ipmclab.progress import OnProgress
 
 Free = Annotated[
     list[str],
@@ -92,7 +92,7 @@ def bootstrap(
         )
     kept = []
 
-    def ask(fit: Fit, tell: Tell) -> Fit:
+    def ask(fit: Fit, tell: OnProgress) -> Fit:
         with opened(scheduler=scheduler, workers=workers) as engine:
             kept.append(draw(fit, count, engine=engine, progress=tell))
         return fit
@@ -118,7 +118,7 @@ def bootstrap(
 Lists = tuple[list[str], list[str], list[str], list[str]]
 
 
-def _fitted(actuator: str, runs: list[Path], names: Lists, ask: Callable[[Fit, Tell], Fit]) -> Fit:
+def _fitted(actuator: str, runs: list[Path], names: Lists, ask: Callable[[Fit, OnProgress], Fit]) -> Fit:
     """The fit of runs, and what is then asked of it."""
     from ipmclab.fit.fit import Fit as AnyFit
     from ipmclab.identification.identify import identify
@@ -147,7 +147,7 @@ def _freed(fit: Fit) -> tuple[list[str], list[str], list[str]]:
 
 
 def _print(fit: Fit, found: Mapping[str, tuple[float, float]], title: str) -> None:
-    """Print intervals beside those of the fit, in the units that people read."""
+    """Print intervals in addition to those of the fit, in the units that people read."""
     known = fit.actuator.parameters()
     rows = []
     for name, ends in found.items():

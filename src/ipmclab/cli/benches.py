@@ -31,7 +31,7 @@ def make_bench(rig: Rig) -> Bench:
     from ipmclab.rig.virtual import VirtualBench
 
     bench = VirtualBench(rig=rig)
-    _ = bench.plant  # whatever is wrong with its actuator is told now
+    _ = bench.plant  # whatever is wrong with its actuator is reported now
     return bench
 
 

@@ -41,7 +41,8 @@ def characterise(
         Path | None,
         typer.Option(
             metavar="FOLDER",
-            help="Where runs, state and report go; one that has them already goes on where it stopped.",
+            help="Where runs, state and report go; in a folder that has them already, the campaign continues where it "
+            "stopped.",
             show_default=False,
         ),
     ] = None,
@@ -56,7 +57,7 @@ def characterise(
     """Characterise samples: plan a campaign, record it, and write its report.
 
     A virtual bench runs in lock-step; a real one is driven as by ipmclab record, with its prompts. The same
-    command goes on where an earlier one stopped, whatever stopped it.
+    command continues where an earlier one stopped, whatever stopped it.
 
     \b
     ipmclab characterise friend-chapter-5 --plan
@@ -123,7 +124,7 @@ def _print_plan(campaign: Campaign, folder: Path, *, as_json: bool) -> None:
     print_table(["run", "after", "takes", "sample", "experiment", "condition", "signal", "repeat"], rows)
     for text, where in planned.watched().items():
         print_paragraph(f"The guard watches{f' in {where}' if where else ''}: {text}.")
-    for text in planned.asks if not campaign.is_virtual else ():
+    for text in planned.questions if not campaign.is_virtual else ():
         print_paragraph(f"A person is asked: {text}.")
     for text in planned.remarks:
         print_paragraph(f"Remark: {text}.")
@@ -141,7 +142,7 @@ def _carry_out(
     from ipmclab.cli.recorder import recover_first
     from ipmclab.store.journal.laboratory import Laboratory
 
-    planned = _plan(campaign, folder)  # whatever cannot be done is told before anything moves
+    planned = _plan(campaign, folder)  # whatever cannot be done is reported before anything moves
     laboratory = Laboratory.open(folder)
     view = View(quiet=as_json, keys=sys.stdin.isatty())
     options = {"file": file, "yes": yes, "answers": answers, "keys": sys.stdin.isatty() and sys.stderr.isatty()}
@@ -156,7 +157,7 @@ def _carry_out(
         for text in recover_first(laboratory):
             say(f"  {text}")
         sit = _sit(campaign, laboratory, view, options)
-        conduct = Conduct(campaign, planned.blocks, laboratory, state, sit=sit, tell=say)
+        conduct = Conduct(campaign, planned.blocks, laboratory, state, sit=sit, on_progress=say)
         conduct.begin()
         if joined is not None:
             refuse_ended(joined, where=str(folder))
@@ -232,7 +233,7 @@ def _finish(campaign: Campaign, planned: CampaignPlan, folder: Path, state: Stat
         metrics = write_metrics(results, folder / METRICS)
         printed = reproduced(by_repeat(results))
     with progress("identifying the samples") as tell:
-        models = identify_samples(campaign, folder, results, state, tell=tell)
+        models = identify_samples(campaign, folder, results, state, on_progress=tell)
     comparison = None
     with progress("holding the runs side by side"):
         if kept := comparable(results):

@@ -115,5 +115,5 @@ def _conflicts(strip: str, runs: Sequence[Run]) -> tuple[Finding, ...]:
     if sample is None and facts and facts[0].sample is not None:
         sample = published_sample(int(facts[0].sample.removeprefix("friend-")))
     found = cross_check(model, runs, fit=fit, facts=facts, sample=sample)
-    # What the runs say of each other stands under "together".
+    # What the runs say of each other is under "together".
     return tuple(finding for finding in found if not (finding.code == "prefix-disagrees" and "until" in finding.values))

@@ -129,7 +129,7 @@ def choose(
             if path is not None:
                 print(f"wrote {path}")
     if choice.unfinished:
-        raise SystemExit(INTERRUPTED)  # what stands is kept, and it is not all that was asked
+        raise SystemExit(INTERRUPTED)  # what is finished is kept, and it is not all that was asked
 
 
 def _stopped() -> IpmclabError:
@@ -147,15 +147,15 @@ def print_choice(choice: Choice) -> None:
     ranked = choice.ranked
     rows = []
     for one in ranked:
-        apart = choice.to_best(one.name)
+        difference = choice.to_best(one.name)
         aic, bic = ([getattr(one, which), min(getattr(other, which) for other in ranked)] for which in ("aic", "bic"))
         rows.append(
             [
                 one.name,
                 str(one.parameters),
-                "0" if apart is None else significant(apart.value, 3),
-                "" if apart is None else significant(apart.standard_error, 2),
-                "" if apart is None or apart.is_told else "cannot tell",
+                "0" if difference is None else significant(difference.value, 3),
+                "" if difference is None else significant(difference.standard_error, 2),
+                "" if difference is None or difference.is_distinguished else "not distinguishable",
                 *(read(one.rmse[output], CHANNELS[output], digits=3) for output in choice.outputs),
                 significant(aic[0] - aic[1], 3),
                 significant(bic[0] - bic[1], 3),

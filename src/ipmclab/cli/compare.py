@@ -106,8 +106,8 @@ def compare(
     asked = {"--by": [",".join(by)] if by else [], "--metric": metric or [], "--strip": strip or []}
     written = _write(found, sampled, out, data, _command(runs, asked, posterior=posterior), force=force)
     if as_json:
-        told = None if sampled is None else populations_document(*sampled)
-        print_json({**_document(found), "populations": told, "out": out, "data": data, "files": written})
+        sampled_document = None if sampled is None else populations_document(*sampled)
+        print_json({**_document(found), "populations": sampled_document, "out": out, "data": data, "files": written})
         return
     _print(found)
     if sampled is not None:
@@ -121,7 +121,7 @@ def _sampled(found: Comparison) -> tuple[dict[str, Population], dict[str, str]]:
     from ipmclab.comparison.population import populations_of
 
     with counting("sampling metrics") as tell:
-        return populations_of(found, tell=tell)
+        return populations_of(found, on_progress=tell)
 
 
 def _files(places: list[Path]) -> Iterator[Path]:
@@ -209,8 +209,8 @@ def _print(found: Comparison) -> None:
     for trend in found.trends:
         if trend.key.endswith((".largest", ".amplitude")):
             print_paragraph(f"{trend.waveform}, {trend.key} over {trend.factor.label}: {trend}.")
-    for name, strips_apart in found.strips_apart.items():
-        unlike = [one.sample for one in strips_apart if one.is_unlike]
+    for name, strip_deviations in found.strip_deviations.items():
+        unlike = [one.sample for one in strip_deviations if one.is_unlike]
         if unlike:
             print_paragraph(f"{name}: {', '.join(unlike)} unlike the other strips.")
     remarks = [f"{one.run} is left out: {one.message}" for one in found.unread]
@@ -237,7 +237,7 @@ def _print(found: Comparison) -> None:
 
 
 def _print_runs(found: Comparison) -> None:
-    """Where no effect is told: why, and the numbers of each run."""
+    """Where no effect is reported: why, and the numbers of each run."""
     from ipmclab.cli.output import read
     from ipmclab.comparison.display import metric_label, quantity_of
 
@@ -321,7 +321,7 @@ def _document(found: Comparison) -> dict[str, Any]:
                 "levels": trend.levels,
                 "runs": trend.runs,
                 "laws": [vars(one) for one in trend.laws],
-                "not_excluded": trend.told,
+                "not_excluded": trend.not_excluded,
             }
             for trend in found.trends
         ],
@@ -330,15 +330,15 @@ def _document(found: Comparison) -> dict[str, Any]:
                 "waveform": model.waveform,
                 "metric": model.key,
                 "condition": condition,
-                "value": told[0],
-                "interval": told[1],
+                "value": next_one[0],
+                "interval": next_one[1],
             }
             for model in found.models
             for condition in model.conditions()
-            for told in [model.next_strip(condition)]
-            if told is not None
+            for next_one in [model.next_strip(condition)]
+            if next_one is not None
         ],
-        "strips_apart": {name: [vars(one) for one in each] for name, each in found.strips_apart.items()},
+        "strips_apart": {name: [vars(one) for one in each] for name, each in found.strip_deviations.items()},
         "frequency_responses": [
             {
                 "run": run,

@@ -52,8 +52,8 @@ def _disagreement(found: dict[tuple[str, str], Comparison]) -> str:
     displacement = found["displacement", "step max displacement"]
     return (
         f"They do not reproduce the steady current ({steady.against}), the current at the end of a half period "
-        f"({half_period.against}) or the force after back relaxation (the model goes on to {read(final.model, FORCE)}, "
-        f"the measured force falls from its {read(final.published, FORCE)} after a few seconds), "
+        f"({half_period.against}) or the force after back relaxation (the model reaches {read(final.model, FORCE)}, "
+        f"the measured force decreases from {read(final.published, FORCE)} after a few seconds), "
         f"and not the displacement of the same sample ({displacement.against})."
     )
 

@@ -36,7 +36,7 @@ FOR_THE_FIT: Final = ("force-step.nc", "force-sine.nc")
 """The thesis identified d from the force of these two (section 4.5)."""
 
 PICTURED: Final = "force-square.nc"
-"""The prediction that stands in the picture beside the two runs of the fit."""
+"""The prediction that is in the picture beside the two runs of the fit."""
 
 _BOUNDS: Final = {"stated": "", "lower_bound": "> ", "upper_bound": "< "}
 
@@ -217,7 +217,7 @@ def _record(strip: Actuator, folder: Path, say: Say, *, stand_in: bool) -> dict[
                 with progress(f"recording {signal}"):
                     run = record(bench, signal, duration=DURATION, rate=RATE, measured=("current", channel))
                 path = folder / f"{channel}-{waveform}.nc"
-                # Each signal is recorded twice: by its file a run is told apart in every table and picture.
+                # Each signal is recorded twice: by its file a run is distinguished in every table and picture.
                 run = replace(run, metadata=replace(run.metadata, source_file=path.name))
                 write_run(run, path)
                 runs[path.name] = run

@@ -21,5 +21,5 @@ def print_expected(proposal: Proposal) -> None:
             for one in proposal.expected
         ],
     )
-    if told := of_draws(proposal):
-        print_paragraph(told)
+    if line := of_draws(proposal):
+        print_paragraph(line)

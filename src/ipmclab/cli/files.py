@@ -114,7 +114,7 @@ def means_actuator(word: str) -> bool:
     path = Path(base)
     if path.suffix.lower() == ".toml":
         table = glance(path)
-        return table is None or "geometry" in table  # its reader tells what is wrong with it
+        return table is None or "geometry" in table  # its reader says what is wrong with it
     # A name without an ending that is no file is meant for the library, rightly or not.
     return not path.suffix and not path.exists() and path.name == base
 
@@ -190,7 +190,7 @@ def labels(paths: Sequence[Path]) -> list[str]:
 
 
 def _toml_for_a_run(path: Path) -> InputError:
-    """What to say of a TOML file that stands where a run is expected."""
+    """What to say of a TOML file that is where a run is expected."""
     table = glance(path) or {}
     if "geometry" in table:
         kind, repair = "this is an actuator, not a run", "the actuator, where one is needed, comes first, then the runs"

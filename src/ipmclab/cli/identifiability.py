@@ -23,7 +23,7 @@ def identifiability(
     ] = "3 V",
     as_json: Json = False,
 ) -> None:
-    """Tell what runs could determine if they were perfect, and what would cure what they leave open.
+    """Compute what runs could determine if they were perfect, and what would cure what they leave open.
 
     It takes the actuator alone. Every cure is tried on the model before it is named.
 

@@ -1,4 +1,4 @@
-"""How well a fit tells its parameters apart, as the command line prints it."""
+"""How well a fit separates its parameters, as the command line prints it."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def print_collinear(fit: Fit) -> None:
 
 
 def identifiability_document(fit: Fit) -> dict[str, Any]:
-    """What stands in a JSON document of it."""
+    """What is in a JSON document of it."""
     found: dict[str, Any] = {
         "profiles": {
             name: {

@@ -206,7 +206,7 @@ def print_details(fit: Fit) -> None:
 
 
 def fit_document(fit: Fit) -> dict[str, Any]:
-    """A fit as it stands in a JSON document."""
+    """A fit as it is written to a JSON document."""
     return {
         "actuator": fit.actuator.name,
         "converged": fit.converged,

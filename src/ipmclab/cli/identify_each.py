@@ -67,16 +67,16 @@ def identify_each(
         _print(fits, paths)
     if failed:
         name, error = next(iter(failed.items()))
-        told = IpmclabError(
+        failure = IpmclabError(
             f"{len(failed)} of {len(strips)} strips could not be fitted, the first is {name}: {error.message}",
             code=error.code,
             where=error.where,
             repair=error.repair,
         )
         if not as_json:
-            raise told
-        print(f"error: {told}", file=sys.stderr)  # stdout has its one document
-        raise typer.Exit(told.exit_status)
+            raise failure
+        print(f"error: {failure}", file=sys.stderr)  # stdout has its one document
+        raise typer.Exit(failure.exit_status)
 
 
 def _print(fits: dict[str, Fit], paths: dict[str, Path]) -> None:

@@ -41,7 +41,7 @@ def import_(
 ) -> None:
     """Import a foreign record (CSV, XLSX, MAT, TDMS, LVM, the thesis's binary).
 
-    What its columns are is guessed, shown, and written beside the run as a map; what cannot be known is asked.
+    What its columns are is guessed, shown, and written next to the run as a map; what cannot be known is asked.
 
     \b
     ipmclab import step.csv --out step.nc
@@ -142,8 +142,8 @@ def _write_template(file: Path, template: Path, answers: dict[str, str], *, forc
     write_text(guess.as_toml(file.name), template, overwrite=force)
     questions = [{"key": one.key, "text": one.text, "choices": one.choices} for one in guess.questions]
     if as_json:
-        told = [*guess.taken, *guess.left_out]
-        print_json({"source": file, "map": template, "taken": told, "questions": questions})
+        assumptions = [*guess.taken, *guess.left_out]
+        print_json({"source": file, "map": template, "taken": assumptions, "questions": questions})
         return
     print("\n".join((*guess.taken, *guess.left_out)))
     for question in guess.questions:
@@ -239,7 +239,7 @@ def _notes(channels: Mapping[str, Mapping[str, Any]]) -> list[str]:
             shown = ", ".join(read(value, quantity) for value in entry["far_out"][:3])
             more = ", ..." if len(entry["far_out"]) > 3 else ""
             notes.append(
-                f"Beside lost readings the {quantity.name} has {counted(len(entry['far_out']), 'reading')} far out of "
+                f"Besides lost readings, the {quantity.name} has {counted(len(entry['far_out']), 'reading')} far from "
                 f"the others ({shown}{more}): identification leaves such readings out."
             )
     return notes

@@ -81,7 +81,7 @@ def _long(seconds: float) -> str:
 
 
 def changes(life: Life) -> list[tuple[str, Quantity, tuple[float, float]]]:
-    """What the fingerprints tell: name, quantity, and the value of the first and of the last of them."""
+    """What the fingerprints show: name, quantity, and the value of the first and of the last of them."""
     found: list[tuple[str, Quantity, tuple[float, float]]] = []
     for name, quantity in (("series_resistance", RESISTANCE), ("capacitance", CAPACITANCE)):
         values = [getattr(row, name) for row in life.fingerprints]
@@ -107,7 +107,7 @@ def change_text(change: tuple[float, float], quantity: Quantity) -> str:
 
 
 def life_document(life: Life, catalogue: Catalogue) -> dict[str, Any]:
-    """A sample's life as it stands in a JSON document."""
+    """A sample's life as it is written to a JSON document."""
     return {
         "sample": life.sample,
         "mountings": life.mountings,

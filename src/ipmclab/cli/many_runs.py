@@ -58,7 +58,7 @@ def print_many_runs(fit: Fit) -> None:
 
 
 def many_runs_document(fit: Fit) -> dict[str, Any]:
-    """The same as it stands in a JSON document."""
+    """The same as it is written to a JSON document."""
     from ipmclab.identification.mountings.mountings import why_unknown
     from ipmclab.prediction.remarks import left_out_remarks
 

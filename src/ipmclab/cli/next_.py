@@ -1,4 +1,4 @@
-"""``ipmclab next``: the runs that would tell most of a fitted strip for their time on the bench."""
+"""``ipmclab next``: the runs that would give most information on a fitted strip for their time on the bench."""
 
 from __future__ import annotations
 
@@ -46,7 +46,10 @@ def next_(
     ] = None,
     rival: Annotated[
         str | None,
-        typer.Option(metavar="STAGE|FIT", help="From which model to tell it: a stage it lacks, or a fit of another."),
+        typer.Option(
+            metavar="STAGE|FIT",
+            help="The other model to distinguish it from: a stage that it lacks, or a fit of another model.",
+        ),
     ] = None,
     rate: Annotated[str | None, typer.Option(metavar="RATE", help="Rows each second, such as '50 Hz'.")] = None,
     rest: Annotated[
@@ -88,7 +91,8 @@ def next_(
     yes: Annotated[bool, typer.Option("--yes", help="Append without asking.")] = False,
     as_json: Json = False,
 ) -> None:
-    """Propose the next runs: those that tell most of a strip, or of a campaign's, for each minute on the bench.
+    """Propose the next runs: those that give most information on a strip, or of a campaign's, for each minute on the
+    bench.
 
     \b
     ipmclab next fit.toml --minutes 15
@@ -169,8 +173,8 @@ def _print(proposal: Proposal, minutes: float) -> None:
             for run in proposal.best_of_kind
         ],
     )
-    if told := of_limits(proposal):
-        print_paragraph(told)
+    if line := of_limits(proposal):
+        print_paragraph(line)
     print_remarks([f"run {place}: {text}" for place, run in enumerate(proposal.runs, 1) for text in run.remarks])
     print_remarks(proposal.remarks)
 

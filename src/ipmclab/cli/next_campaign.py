@@ -1,4 +1,5 @@
-"""``ipmclab next CAMPAIGN``: the runs of a campaign's samples that would tell most, and the file that asks for them."""
+"""``ipmclab next CAMPAIGN``: the runs of a campaign's samples that would give most information, and the file that
+requests them."""
 
 from __future__ import annotations
 
@@ -87,7 +88,7 @@ def print_next(of: OfCampaign, wishes: Mapping[str, Any], asked: Mapping[str, An
             fits=[read_fit(path) for path in of.fits],
             free=of.free,
             wishes=Wishes(**wishes),
-            tell=lambda text: tell(text, 0.0),
+            on_progress=lambda text: tell(text, 0.0),
             **asked,
         )
     if not as_json:
@@ -110,12 +111,12 @@ def print_next(of: OfCampaign, wishes: Mapping[str, Any], asked: Mapping[str, An
     elif not of.append:
         print_paragraph(
             f"These lines at the end of {of.file} make them part of the campaign; --append writes them there, and "
-            "ipmclab characterise then goes on in the same folder."
+            "ipmclab characterise then continues in the same folder."
         )
 
 
 def _usual_folder(file: str) -> Path | None:
-    """The folder beside a campaign file that has its name and holds a campaign."""
+    """The folder next to a campaign file that has its name and holds a campaign."""
     from ipmclab.campaign.state import FILE
 
     path = Path(file)

@@ -31,7 +31,7 @@ Workers = Annotated[
 Yes = Annotated[bool, typer.Option("--yes", help="Start without asking; what only a person can have done is unknown.")]
 Answer = Annotated[
     list[str] | None,
-    typer.Option(metavar="STEP=VALUE", help="Answer what a step asks, such as clamp=kept; may be repeated."),
+    typer.Option(metavar="STEP=VALUE", help="Answer the question of a step, such as clamp=kept; may be repeated."),
 ]
 Force = Annotated[bool, typer.Option("--force", help="Replace the output file if it exists.")]
 ActuatorName = Annotated[
@@ -94,7 +94,7 @@ class SpreadCommand(TyperCommand):
         """Repeat a spread option in front of each of its values, and put files in the place of patterns."""
         valued = {name for one in self.params if not getattr(one, "is_flag", True) for name in one.opts}
         known = {option for parameter in self.params for option in parameter.opts}
-        spread: list[str] = []
+        repeated: list[str] = []
         current: str | None = None
         values = 0
         for word, before in zip(args, ["", *args], strict=False):
@@ -107,9 +107,9 @@ class SpreadCommand(TyperCommand):
                 elif current is not None:
                     values += 1
                     if values > 1:
-                        spread.append(current)
-                spread.append(each)
-        return super().parse_args(ctx, spread)
+                        repeated.append(current)
+                repeated.append(each)
+        return super().parse_args(ctx, repeated)
 
 
 def matching_files(word: str) -> list[str]:

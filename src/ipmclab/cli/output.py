@@ -53,7 +53,7 @@ def _plain(value: Any) -> Any:
 
 
 def with_unit(value: float | None, unit: str) -> dict[str, float | str | None]:
-    """A number with its SI unit beside it, as it stands in a JSON document."""
+    """A number with its SI unit beside it, as it is written to a JSON document."""
     return {"value": value, "unit": unit}
 
 
@@ -187,7 +187,7 @@ def print_most_important(
 
 
 def print_findings(findings: Sequence[Finding], *, width: int = UNBOUNDED) -> None:
-    """Print findings: severity, code and channel; what was seen; what to do.
+    """Print findings: severity, code and channel; what was found; what to do.
 
     Those that ask for the same thing stand together.
     """
@@ -211,7 +211,7 @@ def _indented(text: str, indent: str, width: int) -> str:
 
 
 def finding_document(finding: Finding) -> dict[str, Any]:
-    """A finding as it stands in a JSON document."""
+    """A finding as it is written to a JSON document."""
     return {
         "code": finding.code,
         "severity": finding.severity,

@@ -41,7 +41,7 @@ def page(
     """Serve the page of a folder: record, look at runs, identify, simulate, report.
 
     Only this computer reaches it, unless --host says otherwise. It prints its address; Ctrl-C ends it, and a
-    recording that runs goes on.
+    recording that runs continues.
 
     \\b
     ipmclab page

@@ -1,4 +1,4 @@
-"""What strips of one make do, as ``ipmclab compare --posterior`` prints it, beside the interval of the mixed model."""
+"""What strips of one make do, as ``ipmclab compare --posterior`` prints it, with the interval of the mixed model."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ _CONDITIONS = 12
 
 
 def print_populations(found: Mapping[str, Population], unknown: Mapping[str, str]) -> None:
-    """Print scatter, next strip and strips apart of each metric, with how the chains did."""
+    """Print scatter, next strip and deviating strips of each metric, with how the chains did."""
     from ipmclab.comparison.population_words import sentences
 
     for name, one in found.items():
         print(f"\n{name}")
-        rows = [_next_cells(one.model, told) for told in one.conditions()]
+        rows = [_next_cells(one.model, estimate) for estimate in one.conditions()]
         print_table(["the next strip", "middle", "95 % by the posterior", "by the mixed model"], rows[:_CONDITIONS])
         if len(rows) > _CONDITIONS:
             print(f"{len(rows) - _CONDITIONS} more conditions: see --json")
@@ -32,7 +32,7 @@ def print_populations(found: Mapping[str, Population], unknown: Mapping[str, str
 
 
 def populations_document(found: Mapping[str, Population], unknown: Mapping[str, str]) -> dict[str, Any]:
-    """The same as it stands in a JSON document."""
+    """The same as it is written to a JSON document."""
     return {
         "metrics": {
             name: {
@@ -50,8 +50,8 @@ def populations_document(found: Mapping[str, Population], unknown: Mapping[str, 
                     }
                     for each in one.scatter
                 ],
-                "next_strip": [_next_document(told) for told in one.conditions()],
-                "strips_apart": [vars(each) for each in one.strips_apart],
+                "next_strip": [_next_document(estimate) for estimate in one.conditions()],
+                "strips_apart": [vars(each) for each in one.strip_deviations],
                 "steps": one.steps,
                 "seed": one.seed,
             }
@@ -61,10 +61,10 @@ def populations_document(found: Mapping[str, Population], unknown: Mapping[str, 
     }
 
 
-def _next_document(told: OfCondition) -> dict[str, Any]:
-    (mean, of_mean), (value, interval), mixed = told.mean, told.next_strip, told.by_mixed_model
+def _next_document(estimate: OfCondition) -> dict[str, Any]:
+    (mean, of_mean), (value, interval), mixed = estimate.mean, estimate.next_strip, estimate.by_mixed_model
     return {
-        "condition": told.condition,
+        "condition": estimate.condition,
         "mean": {"value": mean, "interval": of_mean},
         "value": value,
         "interval": interval,
@@ -72,11 +72,11 @@ def _next_document(told: OfCondition) -> dict[str, Any]:
     }
 
 
-def _next_cells(model: MetricModel, told: OfCondition) -> list[str]:
+def _next_cells(model: MetricModel, estimate: OfCondition) -> list[str]:
     named = {factor.name: factor for factor in model.factors}
-    where = ", ".join(f"{named[name].label} {named[name].show(value)}" for name, value in told.condition.items())
-    value, interval = told.next_strip
-    by_mixed = "not known" if told.by_mixed_model is None else _interval(model, told.by_mixed_model[1])
+    where = ", ".join(f"{named[name].label} {named[name].show(value)}" for name, value in estimate.condition.items())
+    value, interval = estimate.next_strip
+    by_mixed = "not known" if estimate.by_mixed_model is None else _interval(model, estimate.by_mixed_model[1])
     return [where or "as measured", _read(model, value), _interval(model, interval), by_mixed]
 
 

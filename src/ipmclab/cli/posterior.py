@@ -140,7 +140,7 @@ def print_posterior(posterior: Posterior, *, details: bool = False) -> None:
 
 
 def posterior_document(posterior: Posterior) -> dict[str, Any]:
-    """A posterior as it stands in a JSON document."""
+    """A posterior as it is written to a JSON document."""
     names = list(posterior.parameters)
     return {
         "actuator": posterior.actuator,

@@ -84,7 +84,7 @@ def procedure(
         wrong = InputError(finding.message, code=finding.code, where=f"{file}: {step.name}", repair=finding.repair)
         if not as_json or out is not None:
             raise wrong
-        print_json({"error": wrong.as_dict(), **_document(found, out)})  # with all that was found beside it
+        print_json({"error": wrong.as_dict(), **_document(found, out)})  # with all that was found besides
         print(f"error: {wrong}", file=sys.stderr)
         raise typer.Exit(wrong.exit_status)
     if as_json and out is None:

@@ -1,4 +1,4 @@
-"""A model held against what the thesis states about its sample 2: each number with its definition.
+"""A model compared with what the thesis states about its sample 2: each number with its definition.
 
 The thesis prints one number for each quantity and seldom says at which edge or time it was read.
 The readings below are the ones under which its own tables come nearest to it; each says what it is.
@@ -31,7 +31,7 @@ _AT_END = Reading(f"at the end, {DURATION:g} s", AGREES, at_end)
 
 READINGS: Final[Mapping[tuple[str, str], Reading]] = {
     **headline.READINGS,
-    # A model without back relaxation goes on rising where the strip does not.
+    # A model without back relaxation continues rising where the strip does not.
     ("step", "max_force"): Reading(f"largest up to {BACK_RELAXATION_FROM:g} s", AGREES, _largest_before_relaxation),
 }
 """By waveform and metric of the published table."""
@@ -39,7 +39,7 @@ READINGS: Final[Mapping[tuple[str, str], Reading]] = {
 
 @dataclass(frozen=True)
 class Comparison:
-    """One published number beside the model's.
+    """One published number with the model's.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ class Comparison:
 
     @property
     def agrees(self) -> bool:
-        """Whether the model reproduces the number within ``AGREES``, or keeps to the bound."""
+        """Whether the model reproduces the number within ``AGREES``, or is within the bound."""
         if self.qualifier == "lower_bound":
             return self.difference >= -AGREES
         if self.qualifier == "upper_bound":

@@ -68,7 +68,7 @@ def record(
     ipmclab record step.toml
     """
     if template:
-        from ipmclab.rig.experiments.experiment import TEMPLATE
+        from ipmclab.rig.experiments.experiment_file import TEMPLATE
 
         if as_json:
             print_json({"template": TEMPLATE})
@@ -80,7 +80,7 @@ def record(
     if attach is not None:
         if experiment is not None or answer or answers or pair or plan or repeats is not None:
             raise InputError(
-                "who joins a recording begins none, so that nothing else counts beside --attach",
+                "--attach joins a recording and begins none: no other option has an effect with it",
                 code="usage",
                 where="--attach",
                 repair="leave the rest away; or leave --attach away to begin another",
@@ -342,7 +342,7 @@ class Terminal:
         while self._signals:
             name = self._signals.pop(0)
             if name in ("SIGHUP", "SIGBREAK"):
-                # The terminal is gone. The run goes on, guarded; --attach joins it.
+                # The terminal is gone. The run continues, guarded; --attach joins it.
                 os._exit(0)
             self._interrupts += 1
             self.interrupted = True

@@ -56,7 +56,7 @@ def main() -> int:
         forget_dead_recorders(laboratory.root)
         about = {"sample": experiment.sample.id, "rig": rig.name, "experiment": experiment.where}
         hub = operator.hub = Hub(laboratory.recording, operator.on_request, about)
-        log = _log_beside(hub.file)
+        log = _log_next_to(hub.file)
     except IpmclabError as error:
         return _refuse(error)
     except OSError as error:
@@ -84,7 +84,7 @@ def main() -> int:
 
 def read_experiment(job: Mapping[str, Any]) -> Experiment:
     """The experiment of a job, with what its command line changes."""
-    from ipmclab.rig.experiments.experiment import load_experiment
+    from ipmclab.rig.experiments.experiment_file import load_experiment
 
     if job.get("campaign"):
         from ipmclab.campaign.asked import experiment_asked_for
@@ -111,7 +111,7 @@ def rig_of(experiment: Experiment) -> Rig:
             f"there is no rig {str(experiment.rig)!r}",
             code="no-rig",
             where=f"{experiment.where}: rig",
-            repair='name a rig file beside the experiment, or "virtual" for the rig that needs no hardware',
+            repair='name a rig file in the folder of the experiment, or "virtual" for the rig that needs no hardware',
         )
     rig = load_rig(experiment.rig)
     if isinstance(experiment.rig, str) and experiment.actuator is not None:
@@ -193,7 +193,7 @@ def answers_of(job: Mapping[str, Any], plan: Plan) -> dict[str, str]:
 
 
 def recover_first(laboratory: Laboratory) -> Iterator[str]:
-    """Make runs of what an earlier crash left in the folder, and tell what became of it."""
+    """Make runs of what an earlier crash left in the folder, and report what became of it."""
     from ipmclab.cli.recover import what_is_left
     from ipmclab.store.catalogue.catalogue import Catalogue, safely
     from ipmclab.store.journal.recover import recover
@@ -294,7 +294,7 @@ def guardian_of(rig: Rig, log: Path, status: Path | None = None) -> Iterator[Hea
 def _record(
     job: Mapping[str, Any], experiment: Experiment, rig: Rig, laboratory: Laboratory, operator: ClientOperator
 ) -> int:
-    """Plan, wait for the word to start, do it, and tell how it ended."""
+    """Plan, wait for the word to start, do it, and report how it ended."""
     from ipmclab.cli.benches import make_bench
     from ipmclab.errors import IpmclabError
     from ipmclab.rig.process.aftermath import SUFFIX, failures
@@ -329,7 +329,7 @@ def _record(
                 operator.steer(session)
                 if started or session.ended_early in ("abort", "zero"):
                     for file, _ in failed_before:
-                        file.unlink(missing_ok=True)  # it was told, and somebody said to go on
+                        file.unlink(missing_ok=True)  # it was reported, and somebody said to continue
                     session.run()  # one that was aborted before it began does no step: the output goes to 0 V
                 else:
                     how = "declined"
@@ -349,7 +349,7 @@ def _record(
     return int(last["status"])
 
 
-def _log_beside(file: Path) -> Path:
+def _log_next_to(file: Path) -> Path:
     """Let what nobody expected go to a file: the terminal of whoever started this may be gone long before."""
     log = file.with_suffix(".log")
     stream = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600)

@@ -39,7 +39,7 @@ def recover(
     from ipmclab.store.journal.recover import recover as recover_folder
 
     laboratory = Laboratory.open(folder, create=False)
-    recovery = recover_folder(laboratory, on_progress=_tell)
+    recovery = recover_folder(laboratory, on_progress=_report)
     with progress("bringing the catalogue up to date"):
         remark = _catch_up(laboratory.root)
     if as_json:
@@ -71,7 +71,7 @@ def recover(
         raise typer.Exit(1)
 
 
-def _tell(done: int, total: int, journal: Path) -> None:
+def _report(done: int, total: int, journal: Path) -> None:
     if sys.stderr.isatty():
         size = journal.stat().st_size / 1e6 if journal.exists() else 0.0
         print(f"{done + 1} of {total}: {journal.name} ({size:.1f} MB)", file=sys.stderr)

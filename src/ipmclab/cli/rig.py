@@ -131,13 +131,13 @@ def _print_check(found: RigCheck, strip: str, amplitude: float) -> None:
         for one in found.channels
     ]
     if found.rig.thermometer is not None:
-        told = "-" if found.temperature is None else f"{found.temperature:.1f} degC"
-        rows.append(("temperature", found.rig.thermometer.physical or "-", "-", "-", told, "-", "-"))
+        reading = "-" if found.temperature is None else f"{found.temperature:.1f} degC"
+        rows.append(("temperature", found.rig.thermometer.physical or "-", "-", "-", reading, "-", "-"))
     print_table(("channel", "input", "range", "resolution", "reads at 0 V", "noise", "calibrated"), rows)
     print()
     if found.rig.chamber is not None:
-        told = "it does not answer" if found.chamber is None else str(found.chamber)
-        print(f"chamber ({found.rig.chamber.driver}): {told}")
+        reading = "it does not answer" if found.chamber is None else str(found.chamber)
+        print(f"chamber ({found.rig.chamber.driver}): {reading}")
     print(f"{len(found.findings) or 'no'} finding{'' if len(found.findings) == 1 else 's'}")
     print_findings(found.findings)
 

@@ -21,11 +21,11 @@ It takes about half a minute, and gives out at most 1 V."""
 
 def prove(
     rig: Annotated[str, typer.Argument(metavar="RIG", help="A rig file (.toml).", show_default=False)],
-    operator: Annotated[str, typer.Option(metavar="NAME", help="Who does it; stands in the report.")] = "",
+    operator: Annotated[str, typer.Option(metavar="NAME", help="Who does it; the report states the name.")] = "",
     yes: Annotated[bool, typer.Option("--yes", help="The dummy load is in the clamp: do not ask.")] = False,
     as_json: Json = False,
 ) -> None:
-    """Prove the hardware of a rig with a dummy load, and keep a report beside the rig file.
+    """Prove the hardware of a rig with a dummy load, and keep a report next to the rig file.
 
     \b
     ipmclab rig prove rig.toml --operator NN
@@ -87,7 +87,7 @@ def prove(
 
 
 def _print_item(item: Item) -> None:
-    print(f"{item.status:<9} {item.name:<15} {item.what}: {item.seen}", flush=True)
+    print(f"{item.status:<9} {item.name:<15} {item.what}: {item.found}", flush=True)
     if item.repair:
         print(f"{'':25} -> {item.repair}", flush=True)
 

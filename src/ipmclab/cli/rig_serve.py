@@ -42,7 +42,7 @@ def serve(
         Path | None, typer.Option(metavar="FILE", help="Keep the level of every output in this file.")
     ] = None,
     hands: Annotated[
-        bool, typer.Option("--hands", help='Take lines such as "tip clear" on stdin: what an operator\'s hands do.')
+        bool, typer.Option("--hands", help='Read lines such as "tip clear" on stdin: the actions of an operator.')
     ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the line as a JSON document.")] = False,
 ) -> None:
@@ -226,7 +226,7 @@ def _fault(text: str) -> Fault:
 
 
 def _take_actions(chassis: Chassis, plant: StripPlant) -> None:
-    """Do what stands in the lines of stdin, until it ends; what cannot be done is told on stderr."""
+    """Do what is in the lines of stdin, until it ends; what cannot be done is reported on stderr."""
     from ipmclab.rig.operator_actions import carry_out
 
     for line in sys.stdin:

@@ -48,8 +48,8 @@ def what_cell(row: CatalogueRow) -> str:
 
 def state_cell(row: CatalogueRow) -> str:
     """What became of a run, and which version of it this is; nothing where all is well with the only one."""
-    told = [] if row.state in (None, "complete") else [str(row.state)]
-    return ", ".join([*told, *([f"version {row.version}"] if row.version > 1 else [])])
+    state_words = [] if row.state in (None, "complete") else [str(row.state)]
+    return ", ".join([*state_words, *([f"version {row.version}"] if row.version > 1 else [])])
 
 
 def codes_cell(row: CatalogueRow) -> str:
@@ -60,7 +60,7 @@ def codes_cell(row: CatalogueRow) -> str:
 
 
 def run_document(row: CatalogueRow, catalogue: Catalogue) -> dict[str, Any]:
-    """A run of the catalogue as it stands in a JSON document."""
+    """A run of the catalogue as it is written to a JSON document."""
     return {
         "uuid": row.uuid,
         "version": row.version,

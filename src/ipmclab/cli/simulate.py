@@ -55,7 +55,7 @@ def simulate(
     force: Force = False,
     as_json: Json = False,
 ) -> None:
-    """Simulate an actuator under a signal and write the run; of a fitted one, tell how sure it is.
+    """Simulate an actuator under a signal and write the run; of a fitted one, report its uncertainty.
 
     \b
     ipmclab simulate friend-2 --signal "step 1 V" --duration "40 s" --rate "50 Hz" --out step.nc
@@ -82,9 +82,9 @@ def simulate(
         sure = None if changes else _sureness(model, run, actuator)
         write_run(run, out, overwrite=force)
 
-    told = [sentence(finding) for finding in run.metadata.findings]
+    sentences = [sentence(finding) for finding in run.metadata.findings]
     if changes and model.fit_table is not None:
-        told.append(
+        sentences.append(
             "how sure this answer is, is known for constant environments only; simulate one of them for its interval"
         )
     peaks = {name: _peak(run, name) for name in run.channels if name != "voltage"}
@@ -108,7 +108,7 @@ def simulate(
                     for name, row in peaks.items()
                 },
                 **({} if sure is None else {"fit": _document(sure)}),
-                "warnings": told,
+                "warnings": sentences,
                 "out": out,
             }
         )
@@ -118,13 +118,13 @@ def simulate(
         values, quantity = run.channels[name], CHANNELS[name]
         peak, time = read(float(values[row]), quantity), read(float(run.time[row]), TIME)
         rows.append([quantity.name, peak, time, read(float(values[-1]), quantity)])
-    where = "" if environment is None else f" at {_told(environment)}"
+    where = "" if environment is None else f" at {_environment_text(environment)}"
     print_table(["output", "peak", "at", "end"], rows, title=f"{model.name} under {applied}{where}, {len(run)} rows")
     if run.metadata.water_content is not None:
         print(f"water content as the run begins: {significant(run.metadata.water_content, 4)}")
     if sure is not None:
         _print_sureness(sure, run, peaks)
-    print_remarks(told, "warning")
+    print_remarks(sentences, "warning")
     print(f"wrote {out}")
 
 
@@ -153,7 +153,7 @@ def _environment(text: str) -> Environment | EnvironmentHistory:
     return EnvironmentHistory.of(points)
 
 
-def _told(text: str) -> str:
+def _environment_text(text: str) -> str:
     """An environment as the title of a table says it."""
     return "an environment that changes" if ":" in text or text.endswith(".nc") else text
 
@@ -212,7 +212,7 @@ def _intervals(sure: SureAnswer | None, run: Run, output: str, row: int) -> dict
 
 
 def _document(sure: SureAnswer) -> dict[str, Any]:
-    """What stands beside the intervals in a JSON document."""
+    """What is next to the intervals in a JSON document."""
     return {
         "level": 0.95,
         "why_no_interval": sure.why_none or None,

@@ -26,7 +26,7 @@ def sweep(
         Path | None,
         typer.Option(
             metavar="FOLDER",
-            help="Where its Parquet files go; a sweep that was stopped goes on in the folder that it began.",
+            help="Where its Parquet files go; a sweep that was stopped continues in its folder.",
             show_default=False,
         ),
     ] = None,
@@ -112,7 +112,7 @@ def _document(swept: Swept) -> dict[str, Any]:
                 "standard_deviation": one.standard_deviation,
                 "missing": one.missing,
             }
-            for name, one in swept.spreads().items()
+            for name, one in swept.distributions().items()
         },
         "sobol_indices": {
             metric: {

@@ -99,8 +99,8 @@ def print_validations(
             print(f"{name}:")
             for sentence in verdict.sentences:
                 print_paragraph(sentence)
-            told = [one.label for one in validation.runs]
-            print_most_important(validation.findings, details=details, labels=told, where=where)
+            run_labels = [one.label for one in validation.runs]
+            print_most_important(validation.findings, details=details, labels=run_labels, where=where)
 
 
 def _warnings(validation: Validation) -> list[str]:
@@ -125,7 +125,7 @@ def _cells(score: Score) -> list[str]:
 
 
 def validation_document(name: str, validation: Validation, runs: Sequence[Path]) -> dict[str, Any]:
-    """A validation as it stands in a JSON document; ``name`` is what the user called the actuator."""
+    """A validation as it is written to a JSON document; ``name`` is what the user called the actuator."""
     from ipmclab.prediction.verdict import verdict_of
 
     document: dict[str, Any] = validation.as_dict() | {"actuator": name}

@@ -90,7 +90,7 @@ def write(actuator: Actuator, path: Path, covariance: Mapping[str, Mapping[str, 
     named = _parameters(actuator)
     a, b, c, d = _scaled(actuator)
     names = sorted(covariance)
-    beside = path.with_suffix(".mat")
+    mat_file = path.with_suffix(".mat")
     content: dict[str, Any] = {name: value for name, (value, _) in named.items()}
     content |= {"A": a, "B": b, "C": c, "D": d, "outputs": np.array(OUTPUTS, dtype=object)}
     content |= {
@@ -99,11 +99,11 @@ def write(actuator: Actuator, path: Path, covariance: Mapping[str, Mapping[str, 
             len(names), len(names)
         ),
     }
-    with replacing(beside, overwrite=True) as target:
+    with replacing(mat_file, overwrite=True) as target:
         scipy.io.savemat(target, content, appendmat=False, oned_as="column")
     with replacing(path, overwrite=True) as target:
         target.write_text(_script(actuator, named, (a, b, c, d)), encoding="ascii", errors="replace", newline="\n")
-    return path, beside
+    return path, mat_file
 
 
 def _without_laser(actuator: Actuator) -> Actuator:
@@ -119,7 +119,7 @@ def _parameters(actuator: Actuator) -> dict[str, tuple[float, str]]:
     """Each number under the thesis's name, with what it is."""
     values = actuator.parameter_values
     elements = actuator.circuit_elements()
-    named = {name: (values[ours], told) for name, (ours, told) in _GEOMETRY.items()}
+    named = {name: (values[ours], comment) for name, (ours, comment) in _GEOMETRY.items()}
     branches = len(elements.branch_resistances)
     for k in range(branches):
         named[f"e{k + 1}"] = (values[f"circuit.branches.{k}.permittivity"], f"F/m, permittivity of branch {k + 1}")
@@ -134,7 +134,7 @@ def _parameters(actuator: Actuator) -> dict[str, tuple[float, str]]:
         named[f"Rc{k}"] = (_real(resistance), f"Ohm, branch {k}")
         named[f"C{k}"] = (_real(capacitance), f"F, branch {k}")
     named["gamma"] = (_GAMMA, "solution of the characteristic equation, clamped-free beam")
-    named |= {name: (values[ours], told) for name, (ours, told) in _REST.items() if ours in values}
+    named |= {name: (values[ours], comment) for name, (ours, comment) in _REST.items() if ours in values}
     return named
 
 
@@ -172,7 +172,7 @@ def _script(
         )
     if actuator.structure.laser:
         lines.append("% The displacement is that of the strip: what a laser reads of one that bends far is another.")
-    lines += ["", *(f"{name} = {value:.17g};  % {told}" for name, (value, told) in named.items())]
+    lines += ["", *(f"{name} = {value:.17g};  % {comment}" for name, (value, comment) in named.items())]
     lines += ["", "% State space: input voltage [V]; states are scaled to order 1; outputs:"]
     lines += [f"%   {k}. {name.replace('_', ' ')} [{_UNITS[name]}]" for k, name in enumerate(OUTPUTS, start=1)]
     lines += [f"{name} = {_matrix(values)};" for name, values in zip("ABCD", system, strict=True)]

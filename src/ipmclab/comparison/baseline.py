@@ -2,7 +2,7 @@
 
 In room air a strip curls while it dries (Friend: 2 mm in 6 minutes). A record at 0 V of the same strip shows how fast;
 along a straight line, that is taken from the displacement of its runs. It curls ever more slowly: a run that was
-clamped anew begins as wet as the baseline did, one in the same clamping goes on where the baseline ended.
+clamped again begins as wet as the baseline did, one in the same clamping continues where the baseline ended.
 """
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ _FEWEST: Final = 20
 
 _WARMER: Final = 4.0
 _WETTER: Final = 6.0
-"""Further apart [K, percent], the air of two runs is another: twice what counts as one level of a factor."""
+"""With a larger difference [K, percent], the air of two runs is another: twice what counts as one level of a factor."""
 
 _BLOCKS: Final = 10
-"""Pieces of a baseline whose own rates tell how straight its curl is."""
+"""Pieces of a baseline whose own rates show how straight its curl is."""
 
 _STRETCH: Final = 40.0
 """At the beginning and at the end of a baseline [s]: as long as a run (Friend, appendix A.2)."""
@@ -109,7 +109,7 @@ class Drift:
     last: tuple[float, float] | None = None
 
     def during(self, about: RunMetadata) -> Drift:
-        """The drift that a run has: that of the baseline's beginning where it was clamped anew, of its end after it.
+        """The drift that a run has: that of the baseline's beginning where it was clamped again, of its end after it.
 
         Where nobody knows which, it is the whole baseline's.
 
@@ -122,9 +122,9 @@ class Drift:
         """
         if self.mounting is None or about.mounting_id is None:
             return self
-        is_anew = about.mounting_id != self.mounting
+        is_other_mounting = about.mounting_id != self.mounting
         after = -math.inf < _moment(self.recorded_at) <= _moment(about.recorded_at or "")
-        part = self.first if is_anew else self.last if after else None
+        part = self.first if is_other_mounting else self.last if after else None
         return self if part is None else replace(self, rate=part[0], standard_error=part[1])
 
 
@@ -158,10 +158,10 @@ def drift_of(run: Run) -> Drift | None:
     rate, error = _line(time, values)
     parts = zip(np.array_split(time, _BLOCKS), np.array_split(values, _BLOCKS), strict=True)
     rates, errors = np.array([_line(part, read) for part, read in parts]).T
-    spread = float(np.var(rates, ddof=1))
+    variance = float(np.var(rates, ddof=1))
     # A straight curl has pieces that differ by noise alone; what they differ by beyond it, a run may have too.
-    bent = max(spread - float(np.mean(errors**2)), 0.0)
-    error = math.hypot(max(error, math.sqrt(spread / _BLOCKS)), math.sqrt(bent))
+    bent = max(variance - float(np.mean(errors**2)), 0.0)
+    error = math.hypot(max(error, math.sqrt(variance / _BLOCKS)), math.sqrt(bent))
     sample = run.metadata.sample
     return Drift(
         rate=rate,
@@ -197,7 +197,7 @@ def _line(time: FloatArray, values: FloatArray) -> tuple[float, float]:
 
 
 def baseline_for(about: RunMetadata, drifts: Sequence[Drift], air: Air = Air()) -> Drift | None:
-    """The baseline of the same strip that tells most of a run: of its mounting, and the last one before it.
+    """The baseline of the same strip that gives most information on a run: of its mounting, and the last one before it.
 
     A strip curls because it dries: a baseline in another air says nothing of the run, and none is better. Times are
     compared as moments, whatever time zone they are written in; one without a zone is taken as local. Where every

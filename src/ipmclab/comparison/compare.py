@@ -13,7 +13,7 @@ from typing import Final
 from ipmclab.comparison.baseline import BASELINE, NO_SIGNAL, Air, Drift, air_of, baseline_for, drift_of, is_baseline
 from ipmclab.comparison.factors import FACTORS, Factor, chosen_factors, levels_of
 from ipmclab.comparison.frequency_response import FrequencyResponse, frequency_response
-from ipmclab.comparison.metric_model import MetricModel, StripApart, model_metric
+from ipmclab.comparison.metric_model import MetricModel, StripDeviation, model_metric
 from ipmclab.comparison.performance import Performance, performances
 from ipmclab.comparison.sine_response import SineResponse, sine_responses
 from ipmclab.comparison.table import RunRow, row_of
@@ -52,10 +52,10 @@ PERIODIC_METRICS: Final = (
     "current.charge_of_half_period",
     "current.mean_power",
 )
-"""What is compared unless something else is asked for: of a voltage that stands, and of one that repeats."""
+"""What is compared unless something else is asked for: of a voltage that is constant, and of one that repeats."""
 
 HEADLINES: Final = ("displacement.largest", "displacement.amplitude", "force.largest", "force.amplitude")
-"""The metrics by which a strip is said to be unlike the others; each asks for as many fits as there are strips."""
+"""The metrics by which a strip is said to be unlike the others; each needs as many fits as there are strips."""
 
 _PERIODIC: Final = ("sine", "cosine", "square", "triangle", "multisine", "prbs", "periodic")
 
@@ -138,15 +138,15 @@ class Comparison:
         return tuple(trend for trend in found if trend is not None)
 
     @cached_property
-    def strips_apart(self) -> Mapping[str, tuple[StripApart, ...]]:
+    def strip_deviations(self) -> Mapping[str, tuple[StripDeviation, ...]]:
         """How far each strip is from what the others let expect, by waveform and metric."""
         models = (model for model in self.models if model.key in HEADLINES)
-        found = {f"{model.waveform}: {model.label}": model.strips_apart() for model in models}
+        found = {f"{model.waveform}: {model.label}": model.strip_deviations() for model in models}
         return {name: each for name, each in found.items() if each}
 
     @cached_property
     def why_no_effects(self) -> str:
-        """Why no effect of a factor is told; empty where one is."""
+        """Why no effect of a factor is reported; empty where one is."""
         if any(factor in self.by for model in self.models for factor in model.factors):
             return ""
         differ = [factor.label for factor in self.by if len({*self._levels(factor)}) > 1]
@@ -278,7 +278,7 @@ class _Reader:
         self._drifts: list[Drift] = []
         self._taken: dict[str, tuple[RunMetadata, Air, Drift | None]] = {}  # from each run that has a voltage
 
-    def read(self, runs: list[Run | str | os.PathLike[str]], tell: Progress) -> None:
+    def read(self, runs: list[Run | str | os.PathLike[str]], on_progress: Progress) -> None:
         names = _labels(runs)
         # Baselines come first: what they take from a run is known then when the run is read.
         order = sorted(range(len(runs)), key=lambda place: not _notes_a_baseline(runs[place]))
@@ -287,7 +287,7 @@ class _Reader:
             run = self._run(runs[place], names[place])
             if run is not None and (isinstance(runs[place], Run) or not self._is_again(run)):
                 rows[place] = self._add(run)
-            tell(done, len(runs))
+            on_progress(done, len(runs))
         for place in rows:
             again = self._corrected(runs[place], names[place])
             rows[place] = again or rows[place]

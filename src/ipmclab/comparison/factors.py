@@ -33,7 +33,8 @@ class Factor:
         On figures.
     quantity : Quantity
     tolerance : float [SI, or of the logarithm]
-        Two values no further apart along the factor are the same level: of a regulated humidity, what it wanders.
+        Two values no further from each other along the factor are the same level: of a regulated humidity, what it
+        wanders.
     is_ratio : bool
         Whether equal ratios count as equal steps.
     """
@@ -45,7 +46,7 @@ class Factor:
     is_ratio: bool = False
 
     def coordinate(self, value: float) -> float:
-        """Where a value stands along the factor: the value, or its logarithm."""
+        """Where a value is along the factor: the value, or its logarithm."""
         return math.log(value) if self.is_ratio else value
 
     def show(self, value: float) -> str:

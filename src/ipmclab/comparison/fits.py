@@ -1,7 +1,7 @@
 """Parameters of several strips, each with its own fit: how far strips of this make differ, and the next one.
 
 A fit of one strip cannot know this. Estimates are held as they are fitted, in their logarithm or as they are, with the
-error that each fit states: the way of the next mounting (``random_effect``), and its posterior beside it.
+error that each fit states: the way of the next mounting (``random_effect``), and its posterior.
 """
 
 from __future__ import annotations
@@ -135,15 +135,15 @@ def compare_fits(fits: Sequence[Fit], *, posterior: bool = False, seed: int = SE
         )
     names = dict.fromkeys(name for fit in fits for name in fit.parameters if name in fit.actuator.parameters())
     found = (_one(name, fits, strips, posterior=posterior, seed=seed) for name in names)
-    told = tuple(one for one in found if one is not None)
-    if not told:
+    estimated = tuple(one for one in found if one is not None)
+    if not estimated:
         raise InputError(
             "no two of the fits determine the same parameter",
             code="nothing-shared",
             where="fits",
             repair="identify the same parameters of each strip",
         )
-    return told
+    return estimated
 
 
 def _strip_of(fit: Fit) -> str:
@@ -162,7 +162,7 @@ def _one(
     entry = actuator_unknown(having[0][1].actuator.parameters()[name], None)
     values = np.array([entry.entry(one.value) for _, one in known])
     errors = np.array([one.standard_error / abs(entry.chain(one.value)) for _, one in known])
-    told = random_effect(values, errors)
+    effect = random_effect(values, errors)
     scale = 1.0 if entry.log else entry.scale
     return ParameterOfStrips(
         name=name,
@@ -170,10 +170,10 @@ def _one(
         values=tuple(one.value for _, one in known),
         strips=tuple(strip for strip, _ in known),
         is_log=entry.log,
-        typical=entry.value(told.mean),
-        between=scale * told.between,
-        p_value=told.p_value,
-        next_strip=None if told.next_one is None else _values(entry, told.next_one),
+        typical=entry.value(effect.mean),
+        between=scale * effect.between,
+        p_value=effect.p_value,
+        next_strip=None if effect.next_one is None else _values(entry, effect.next_one),
         sampled=_sampled(name, entry, values, errors, seed) if posterior and len(known) >= FEWEST else None,
     )
 
@@ -208,7 +208,7 @@ def _sampled(name: str, entry: Unknown, values: FloatArray, errors: FloatArray, 
             f"the chains do not agree after {STEPS} steps: {'; '.join(chains.judgement.complaints)}",
             code="posterior-not-converged",
             where=name,
-            repair="leave --posterior out: the interval beside it needs no chains",
+            repair="leave --posterior out: the other interval of the comparison needs no chains",
         )
     logarithms = chains.vectors.reshape(-1)
     drawn = logarithms[:: max(len(logarithms) // _KEPT, 1)]

@@ -208,8 +208,8 @@ def _whole_periods(voltage: FloatArray, rows: int) -> int:
     """How many periods at the end of a record have the voltage of the last one: a rest before them has not."""
     count = len(voltage) // rows
     blocks = voltage[len(voltage) - count * rows :].reshape(count, rows)
-    apart = np.sqrt(np.mean((blocks - blocks[-1]) ** 2, axis=1)) if count else np.zeros(0)
-    other = np.flatnonzero(apart > _SAME * np.std(blocks[-1])) if count else apart
+    deviation = np.sqrt(np.mean((blocks - blocks[-1]) ** 2, axis=1)) if count else np.zeros(0)
+    other = np.flatnonzero(deviation > _SAME * np.std(blocks[-1])) if count else deviation
     return count - (int(other[-1]) + 1 if len(other) else 0)
 
 
@@ -233,9 +233,9 @@ def _transient(blocks: FloatArray, most: int) -> int:
         y = _spectra(blocks[first:], _drift(blocks[first + 1 :]))[:, 1:most]
         later = y[1:]
         noise = float(np.mean(np.var(later, axis=0, ddof=1)))
-        apart = float(np.mean(np.abs(y[0] - later.mean(axis=0)) ** 2)) / (1.0 + 1.0 / len(later))
+        deviation = float(np.mean(np.abs(y[0] - later.mean(axis=0)) ** 2)) / (1.0 + 1.0 / len(later))
         lines = y.shape[1]
-        if apart <= noise * float(fdtri(2 * lines, 2 * lines * (len(later) - 1), 1.0 - _ALPHA)):
+        if deviation <= noise * float(fdtri(2 * lines, 2 * lines * (len(later) - 1), 1.0 - _ALPHA)):
             return first
     return len(blocks) - 2
 

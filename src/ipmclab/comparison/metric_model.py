@@ -42,7 +42,7 @@ MAGNITUDES: Final = (
 
 _TOGETHER: Final = 1e-3
 """Share of a factor that may be its own where the other factors explain the rest, below which it has no effect of its
-own to be told."""
+own to be reported."""
 
 _SAME: Final = 0.02
 """Share of the way from the lowest level to the highest that is no other level: air is never the same twice."""
@@ -63,7 +63,7 @@ class Effect:
     value : float
         The factor by which a magnitude grows, or the difference of another metric [SI].
     interval : (float, float), optional
-        95 %; None where these runs cannot tell it, for the ``reason``.
+        95 %; None where these runs cannot determine it, for the ``reason``.
     p_value : float, optional
         How often chance alone does as much.
     reason : str
@@ -79,7 +79,7 @@ class Effect:
 
 
 @dataclass(frozen=True)
-class StripApart:
+class StripDeviation:
     """How far a strip is from what the others let expect.
 
     Parameters
@@ -111,7 +111,7 @@ class MetricModel:
         One of them, for unit and definition.
     rows : tuple of RunRow
     factors : tuple of Factor
-        Those that differ between the rows and can be told from each other.
+        Those that differ between the rows and can be distinguished.
     together : mapping of factor name to tuple of names
         Factors that change together with others, which therefore stand for both.
     is_ratio : bool
@@ -177,7 +177,7 @@ class MetricModel:
         return _exp(estimate.value), (_exp(low), _exp(high))
 
     def _why_open(self, place: int) -> str:
-        """Why the scatter that an effect must be held against is not known; empty where it is."""
+        """Why the scatter that an effect must be compared with is not known; empty where it is."""
         column = self.design[:, place]
         if _is_constant_within(column, [row.strip for row in self.rows]):
             if self._strips_are_known:
@@ -196,7 +196,7 @@ class MetricModel:
 
     @property
     def _strips_are_known(self) -> bool:
-        """Whether the runs tell how far strips of one make differ; with one run each, the repeats have it."""
+        """Whether the runs show how far strips of one make differ; with one run each, the repeats have it."""
         return STRIP not in self.fit.unseen or not _repeats([row.strip for row in self.rows])
 
     def next_strip(self, condition: Mapping[str, float]) -> tuple[float, tuple[float, float]] | None:
@@ -210,7 +210,7 @@ class MetricModel:
         Returns
         -------
         value, interval : float, (float, float), or None
-            The interval holds the reading of a new strip in 95 of 100 cases. None where fewer than three strips tell
+            The interval holds the reading of a new strip in 95 of 100 cases. None where fewer than three strips show
             how far strips differ.
         """
         if not self._strips_are_known or len(self.samples) < 3:
@@ -227,7 +227,7 @@ class MetricModel:
         found = dict.fromkeys(zip(*columns, strict=True)) if columns else {(): None}
         return [dict(zip([factor.name for factor in self.factors], one, strict=True)) for one in found]
 
-    def strips_apart(self) -> tuple[StripApart, ...]:
+    def strip_deviations(self) -> tuple[StripDeviation, ...]:
         """Each strip against a model of the others, the farthest first; empty for fewer than four strips."""
         if not self._strips_are_known or len(self.samples) < 4:
             return ()
@@ -236,7 +236,7 @@ class MetricModel:
             own = np.array([row.sample == sample for row in self.rows])
             x = self.design[~own]
             if len(x) <= x.shape[1] or np.linalg.matrix_rank(x) < x.shape[1]:
-                continue  # the strip alone has a level of a factor: nothing tells what to expect of it
+                continue  # the strip alone has a level of a factor: nothing shows what to expect of it
             others = [row for row in self.rows if row.sample != sample]
             if float(np.ptp(self.values[~own])) == 0.0:
                 continue  # the others read the same everywhere, as a channel does that is not connected
@@ -245,16 +245,20 @@ class MetricModel:
                 continue
             mine = [row for row in self.rows if row.sample == sample]
             expected = fit.new_reading(self.design[own].mean(axis=0), shares_of(mine))
-            apart = Estimate(float(self.values[own].mean()) - expected.value, expected.standard_error, expected.freedom)
-            found.append((sample, apart))
-        return self.judged([(sample, apart.value, apart.p_value) for sample, apart in found])
+            deviation = Estimate(
+                float(self.values[own].mean()) - expected.value, expected.standard_error, expected.freedom
+            )
+            found.append((sample, deviation))
+        return self.judged([(sample, deviation.value, deviation.p_value) for sample, deviation in found])
 
-    def judged(self, found: Sequence[tuple[str, float, float]]) -> tuple[StripApart, ...]:
+    def judged(self, found: Sequence[tuple[str, float, float]]) -> tuple[StripDeviation, ...]:
         """Strips, how far each is out, and how likely that is: the farthest first, with Holm's correction."""
         results, largest = [], 0.0
-        for place, (sample, apart, chance) in enumerate(sorted(found, key=lambda one: one[2])):
+        for place, (sample, deviation, chance) in enumerate(sorted(found, key=lambda one: one[2])):
             largest = max(largest, min(1.0, (len(found) - place) * chance))
-            results.append(StripApart(sample, _exp(apart) if self.is_ratio else apart, largest, largest < _UNLIKE))
+            results.append(
+                StripDeviation(sample, _exp(deviation) if self.is_ratio else deviation, largest, largest < _UNLIKE)
+            )
         return tuple(results)
 
 
@@ -276,26 +280,30 @@ def model_metric(key: str, waveform: str, rows: Sequence[RunRow], factors: Seque
     model : MetricModel or None
         None where there are not enough runs for a scatter.
     """
-    told = [row for row in rows if row.waveform == waveform and key in row.metrics]
-    told = [row for row in told if math.isfinite(row.metrics[key].value)]
-    used = [factor for factor in factors if 2 * sum(factor.name in row.values for row in told) > len(told)]
-    told = [row for row in told if all(factor.name in row.values for factor in used)]
-    used = [factor for factor in used if len(set(levels_of(factor, [row.values[factor.name] for row in told]))) > 1]
-    if len(told) < 3:
+    used_rows = [row for row in rows if row.waveform == waveform and key in row.metrics]
+    used_rows = [row for row in used_rows if math.isfinite(row.metrics[key].value)]
+    used = [factor for factor in factors if 2 * sum(factor.name in row.values for row in used_rows) > len(used_rows)]
+    used_rows = [row for row in used_rows if all(factor.name in row.values for factor in used)]
+    used = [
+        factor for factor in used if len(set(levels_of(factor, [row.values[factor.name] for row in used_rows]))) > 1
+    ]
+    if len(used_rows) < 3:
         return None
-    ends = {factor.name: _ends(factor, told) for factor in used}
-    columns = {factor: np.array([_place(factor, row.values[factor.name], ends) for row in told]) for factor in used}
-    kept, together = _told_apart(columns)
-    design = np.column_stack([np.ones(len(told)), *(columns[factor] for factor in kept)])
-    values = np.array([row.metrics[key].value for row in told])
+    ends = {factor.name: _ends(factor, used_rows) for factor in used}
+    columns = {
+        factor: np.array([_place(factor, row.values[factor.name], ends) for row in used_rows]) for factor in used
+    }
+    kept, together = _distinguished(columns)
+    design = np.column_stack([np.ones(len(used_rows)), *(columns[factor] for factor in kept)])
+    values = np.array([row.metrics[key].value for row in used_rows])
     name = key.partition(".")[2]
     is_ratio = name in MAGNITUDES and bool(np.all(values != 0.0))
     values = np.log(np.abs(values)) if is_ratio else values
-    if len(told) < design.shape[1] + 2 or float(np.ptp(values)) == 0.0:
+    if len(used_rows) < design.shape[1] + 2 or float(np.ptp(values)) == 0.0:
         return None
-    fit = fit_mixed(values, design, _groups(told))
-    metric = told[0].metrics[key]
-    return MetricModel(key, waveform, metric, tuple(told), kept, together, is_ratio, values, design, ends, fit)
+    fit = fit_mixed(values, design, _groups(used_rows))
+    metric = used_rows[0].metrics[key]
+    return MetricModel(key, waveform, metric, tuple(used_rows), kept, together, is_ratio, values, design, ends, fit)
 
 
 def _ends(factor: Factor, rows: Sequence[RunRow]) -> tuple[float, float]:
@@ -304,12 +312,12 @@ def _ends(factor: Factor, rows: Sequence[RunRow]) -> tuple[float, float]:
 
 
 def _place(factor: Factor, value: float, ends: Mapping[str, tuple[float, float]]) -> float:
-    """Where a value stands between the lowest level (0) and the highest (1)."""
+    """Where a value is between the lowest level (0) and the highest (1)."""
     low, high = (factor.coordinate(end) for end in ends[factor.name])
     return (factor.coordinate(value) - low) / (high - low)
 
 
-def _told_apart(
+def _distinguished(
     columns: Mapping[Factor, FloatArray],
 ) -> tuple[tuple[Factor, ...], dict[str, tuple[str, ...]]]:
     """The factors that have a part of their own, and for those that have none, with which ones they change."""

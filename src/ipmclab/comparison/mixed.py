@@ -32,7 +32,7 @@ _LEAST: Final = 1e-3
 """Share of the scatter of the repeats that the covariance has in every direction.
 
 Where chance makes groups far more alike than repeats are, the likelihood rises up to a singular covariance, and every
-interval hangs on how near to it the search came: by 1e-6, one campaign in 25 had intervals that rounding decided. By
+interval depends on how near to it the search came: by 1e-6, one campaign in 25 had intervals that rounding decided. By
 1e-3 they are the same to 1e-7 of their width, and hold the truth as often.
 """
 
@@ -81,7 +81,7 @@ class MixedFit:
     variances : mapping of name to float
         Of the repeats and of each grouping; one may be negative (see the module).
     unseen : tuple of str
-        Groupings whose scatter these readings cannot tell from another's.
+        Groupings whose scatter these readings cannot distinguish from another's.
     """
 
     coefficients: FloatArray
@@ -90,7 +90,7 @@ class MixedFit:
     unseen: tuple[str, ...]
     _plain: FloatArray
     _slopes: tuple[FloatArray, ...]
-    _spread: FloatArray
+    _covariance: FloatArray
 
     def contrast(self, weights: npt.ArrayLike) -> Estimate:
         """A weighted sum of the coefficients.
@@ -135,7 +135,7 @@ class MixedFit:
             size = np.array(list(self.variances.values()))
             variance += max(float(shares @ size), float(shares[0] * size[0]))
             slope = slope + shares
-        uncertain = float(slope @ self._spread @ slope)
+        uncertain = float(slope @ self._covariance @ slope)
         return max(2.0 * variance**2 / uncertain, 1.0) if uncertain > 0.0 else math.inf
 
 
@@ -171,7 +171,7 @@ def fit_mixed(readings: npt.ArrayLike, design: npt.ArrayLike, groupings: Mapping
         vague = problem.vague()
         if vague is None:
             break
-        # The finest grouping that cannot be told goes first: its scatter is then part of that of the repeats.
+        # The finest grouping that cannot be determined goes first: its scatter is then part of that of the repeats.
         name = list(named)[vague - 1]
         unseen.append(name)
         del named[name]
@@ -184,7 +184,7 @@ def fit_mixed(readings: npt.ArrayLike, design: npt.ArrayLike, groupings: Mapping
         unseen=tuple(unseen),
         _plain=found.covariance,
         _slopes=tuple(found.bent),
-        _spread=_spread_of(found.information),
+        _covariance=_covariance_of(found.information),
     )
 
 
@@ -195,8 +195,8 @@ def _indicators(members: Sequence[Any]) -> FloatArray:
     return z
 
 
-def _spread_of(information: FloatArray) -> FloatArray:
-    """Covariance of the components; where nothing tells two of them apart, of what is told."""
+def _covariance_of(information: FloatArray) -> FloatArray:
+    """Covariance of the components; where nothing distinguishes two of them, of what is told."""
     return np.asarray(np.linalg.pinv(information, hermitian=True), dtype=np.float64)
 
 
@@ -234,11 +234,11 @@ class _At:
 
     def adjusted(self) -> FloatArray:
         """The covariance with what not knowing the components adds (Kenward and Roger, eq. 3)."""
-        spread = _spread_of(self.information)
+        covariance = _covariance_of(self.information)
         phi = self.covariance
         count = len(self.bent)
         more = sum(
-            spread[i, j] * (self.twice[i][j] - self.bent[i] @ phi @ self.bent[j])
+            covariance[i, j] * (self.twice[i][j] - self.bent[i] @ phi @ self.bent[j])
             for i in range(count)
             for j in range(count)
         )
@@ -252,8 +252,8 @@ class _Problem:
     """The readings in the space of the groups, block by block, and sums of what is orthogonal to it.
 
     Blocks are runs that share a group with each other and with no others: strips. Orthogonal to all groups the
-    covariance is ``s_0 I``, so that only sums count there: the cost hangs on the number of mountings, not of readings.
-    Blocks have as many rows as the largest; what they have too many are zeros, which ``rest`` counts off.
+    covariance is ``s_0 I``, so that only sums count there: the cost depends on the number of mountings, not of
+    readings. Blocks have as many rows as the largest; what they have too many are zeros, which ``rest`` counts off.
     """
 
     y: FloatArray
@@ -290,7 +290,7 @@ class _Problem:
         return np.array([size, *([0.0] * (len(self.kernels) - 1))])
 
     def vague(self) -> int | None:
-        """The last component that the design or the other components explain; None where all can be told."""
+        """The last component that the design or the other components explain; None where all can be determined."""
         at = self.at(self.start())
         if len(self.kernels) == 1:
             return None

@@ -20,7 +20,7 @@ from scipy.special import ndtr
 
 from ipmclab.comparison.compare import HEADLINES, Comparison
 from ipmclab.comparison.fits import WIDE, mixture_quantiles
-from ipmclab.comparison.metric_model import MOUNTING, STRIP, MetricModel, StripApart, shares_of
+from ipmclab.comparison.metric_model import MOUNTING, STRIP, MetricModel, StripDeviation, shares_of
 from ipmclab.comparison.mixed import RESIDUAL
 from ipmclab.comparison.table import RunRow
 from ipmclab.errors import InputError, IpmclabError
@@ -39,7 +39,7 @@ STEPS: Final = 4000
 _KEPT: Final = 2000  # draws, of all chains together: intervals are mixtures over them
 _LEAST: Final = 1e-4  # of the scale: a standard deviation is not asked below
 _MOST: Final = 1e3
-_FEWEST: Final = 300.0  # effective draws with which the others of a strip are told by weights
+_FEWEST: Final = 300.0  # effective draws with which the others of a strip are found by weights
 _COMPONENTS: Final = (RESIDUAL, MOUNTING, STRIP)
 
 
@@ -65,7 +65,7 @@ class Scatter:
 
 @dataclass(frozen=True)
 class OfCondition:
-    """What a population tells of one condition, each value with its 95 % interval [SI].
+    """What a population says of one condition, each value with its 95 % interval [SI].
 
     Parameters
     ----------
@@ -90,8 +90,8 @@ class Population:
     ----------
     model : MetricModel
     scatter : tuple of Scatter
-        Of strips, of mountings where these can be told, and of repeats.
-    strips_apart : tuple of StripApart
+        Of strips, of mountings where these can be determined, and of repeats.
+    strip_deviations : tuple of StripDeviation
         Each strip against what the others let expect of it, the farthest first; the ``p_value`` is how likely a strip
         of this make is as far out, for as many strips as were looked at (Holm). Empty for fewer than four strips.
     steps : int
@@ -101,14 +101,14 @@ class Population:
 
     model: MetricModel
     scatter: tuple[Scatter, ...]
-    strips_apart: tuple[StripApart, ...]
+    strip_deviations: tuple[StripDeviation, ...]
     steps: int
     seed: int
     _sums: _Sums = field(repr=False)
     _components: FloatArray = field(repr=False)
 
     def conditions(self) -> list[OfCondition]:
-        """What it tells of each condition that was measured."""
+        """What it says of each condition that was measured."""
         return [
             OfCondition(one, self.next_strip(one), self.mean(one), self.model.next_strip(one))
             for one in self.model.conditions()
@@ -123,14 +123,14 @@ class Population:
             Every one of ``model.factors``.
         """
         row = self.model.row_of(condition)
-        return self._told(*self._sums.expected(self._components, row))
+        return self._known(*self._sums.expected(self._components, row))
 
     def next_strip(self, condition: Mapping[str, float]) -> Known:
         """What a strip that was not measured will read, once, in a mounting of its own, with its 95 % interval."""
         centre, variance = self._sums.expected(self._components, self.model.row_of(condition))
-        return self._told(centre, variance + self._components.sum(axis=1))
+        return self._known(centre, variance + self._components.sum(axis=1))
 
-    def _told(self, centre: FloatArray, variance: FloatArray) -> Known:
+    def _known(self, centre: FloatArray, variance: FloatArray) -> Known:
         low, middle, high = mixture_quantiles(centre, np.sqrt(variance), (0.025, 0.5, 0.975))
         if self.model.is_ratio:
             low, middle, high = (math.exp(min(one, 700.0)) for one in (low, middle, high))
@@ -151,9 +151,9 @@ def population_of(model: MetricModel, *, seed: int = SEED, steps: int = STEPS) -
     Raises
     ------
     InputError
-        Fewer than three strips, or runs that cannot tell how far strips differ; packages that are not installed.
+        Fewer than three strips, or runs that cannot determine how far strips differ; packages that are not installed.
     IpmclabError
-        The chains do not agree: nothing is told.
+        The chains do not agree: nothing is reported.
 
     Examples
     --------
@@ -171,7 +171,7 @@ def population_of(model: MetricModel, *, seed: int = SEED, steps: int = STEPS) -
     """
     if model.next_strip(model.conditions()[0]) is None:
         raise InputError(
-            f"{len(model.samples)} strips do not tell how far strips differ in {model.label}",
+            f"{len(model.samples)} strips do not show how much strips differ in {model.label}",
             code="too-few-strips",
             where=f"{model.waveform}: {model.key}",
             repair="measure three strips or more, one of them twice",
@@ -189,7 +189,7 @@ def population_of(model: MetricModel, *, seed: int = SEED, steps: int = STEPS) -
     return Population(
         model=model,
         scatter=tuple(reversed(scatter)),
-        strips_apart=_apart(model, sums, components, seed, steps),
+        strip_deviations=_deviations(model, sums, components, seed, steps),
         steps=chains.steps,
         seed=seed,
         _sums=sums,
@@ -198,9 +198,13 @@ def population_of(model: MetricModel, *, seed: int = SEED, steps: int = STEPS) -
 
 
 def populations_of(
-    comparison: Comparison, *, seed: int = SEED, steps: int = STEPS, tell: Callable[[int, int], None] = lambda *_: None
+    comparison: Comparison,
+    *,
+    seed: int = SEED,
+    steps: int = STEPS,
+    on_progress: Callable[[int, int], None] = lambda *_: None,
 ) -> tuple[dict[str, Population], dict[str, str]]:
-    """Sample what strips of one make do, in each metric by which strips are told apart.
+    """Sample what strips of one make do, in each metric by which strips are distinguished.
 
     Parameters
     ----------
@@ -209,7 +213,7 @@ def populations_of(
         that it was asked for.
     seed, steps : int
         As ``population_of`` takes them.
-    tell : function of (int, int), optional
+    on_progress : function of (int, int), optional
         Called with how many metrics are done, and of how many.
 
     Returns
@@ -217,14 +221,14 @@ def populations_of(
     populations : mapping of name to Population
         By waveform and metric.
     unknown : mapping of name to str
-        Why nothing is told of others.
+        Why nothing is reported of others.
     """
     models = [one for one in comparison.models if one.key in HEADLINES] or list(comparison.models)
     found: dict[str, Population] = {}
     unknown: dict[str, str] = {}
     for place, model in enumerate(models):
         name = f"{model.waveform}: {model.label}"
-        tell(place, len(models))
+        on_progress(place, len(models))
         try:
             found[name] = population_of(model, seed=seed, steps=steps)
         except IpmclabError as error:
@@ -236,7 +240,7 @@ def populations_of(
 
 @dataclass(frozen=True, eq=False)
 class _Sums:
-    """What the likelihood asks of the readings: products within mountings, and sums over each.
+    """What the likelihood needs of the readings: products within mountings, and sums over each.
 
     Parameters
     ----------
@@ -280,7 +284,7 @@ class _Sums:
         return np.asarray(-0.5 * (logarithm + np.linalg.slogdet(own)[1] + left))
 
     def expected(self, components: FloatArray, row: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Mean and variance of what the design tells in a row, under each of some variances."""
+        """Mean and variance of what the design says in a row, under each of some variances."""
         products, _ = self._products(components)
         inverse = np.linalg.inv(products[:, :-1, :-1])
         centre = np.einsum("pij,pj,i->p", inverse, products[:, :-1, -1], row)
@@ -289,19 +293,19 @@ class _Sums:
     def _products(self, components: FloatArray) -> tuple[FloatArray, FloatArray]:
         """``A' V^-1 A`` of all columns, and the logarithm of the determinant of V."""
         repeats, mounting, strip = (components[:, at, None] for at in range(3))
-        spread = repeats + self.counts * mounting
-        weights = 1.0 / (self.counts * spread)
+        variances = repeats + self.counts * mounting
+        weights = 1.0 / (self.counts * variances)
         found = self.within / repeats[:, :, None] + np.einsum("pj,jk,jl->pkl", weights, self.sums, self.sums)
-        totals = np.einsum("gj,pj,jk->pgk", self.strips, 1.0 / spread, self.sums)
-        sizes = (self.counts / spread) @ self.strips.T
+        totals = np.einsum("gj,pj,jk->pgk", self.strips, 1.0 / variances, self.sums)
+        sizes = (self.counts / variances) @ self.strips.T
         beyond = strip / (1.0 + strip * sizes)
         found = found - np.einsum("pg,pgk,pgl->pkl", beyond, totals, totals)
-        logarithm = np.sum((self.counts - 1.0) * np.log(repeats) + np.log(spread), axis=1)
+        logarithm = np.sum((self.counts - 1.0) * np.log(repeats) + np.log(variances), axis=1)
         return found, logarithm + np.sum(np.log1p(strip * sizes), axis=1)
 
 
 def _walk(model: MetricModel, sums: _Sums, seed: int, steps: int) -> tuple[Chains, list[str]]:
-    """Chains over the logarithms of the standard deviations that these readings can tell."""
+    """Chains over the logarithms of the standard deviations that these readings can determine."""
     left = model.values - model.design @ np.linalg.lstsq(model.design, model.values)[0]
     scale = math.sqrt(float(left @ left) / max(len(left) - model.design.shape[1], 1))
     names = [name for name in _COMPONENTS if name in model.fit.variances]
@@ -331,17 +335,19 @@ def _thinned(draws: FloatArray) -> FloatArray:
 
 
 def _variances(entries: FloatArray, names: Sequence[str]) -> FloatArray:
-    """Variances of repeats, mountings and strips, 0 where nothing tells one, shape (n, 3)."""
+    """Variances of repeats, mountings and strips, 0 where nothing determines one, shape (n, 3)."""
     found = np.zeros((len(entries), len(_COMPONENTS)))
     for at, name in enumerate(names):
         found[:, _COMPONENTS.index(name)] = np.exp(2.0 * entries[:, at])
     return found
 
 
-def _apart(model: MetricModel, sums: _Sums, components: FloatArray, seed: int, steps: int) -> tuple[StripApart, ...]:
+def _deviations(
+    model: MetricModel, sums: _Sums, components: FloatArray, seed: int, steps: int
+) -> tuple[StripDeviation, ...]:
     """Each strip against the posterior of the others: weights take its own readings out of that of all.
 
-    Where one strip moves the posterior so far that few draws would have weight, that of the others is sampled anew.
+    Where one strip moves the posterior so far that few draws would have weight, that of the others is sampled again.
     """
     found = []
     whole = sums.log_likelihood(components)

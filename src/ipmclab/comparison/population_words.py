@@ -23,12 +23,12 @@ def sentences(one: Population, read: Read) -> Iterator[str]:
         Gives a value [SI] of its metric as people read it.
     """
     yield f"One standard deviation between {', '.join(_scatter(one, each, read) for each in one.scatter)}."
-    unlike = [each for each in one.strips_apart if each.is_unlike]
+    unlike = [each for each in one.strip_deviations if each.is_unlike]
     for each in unlike:
         size = f"x {each.value:.3g}" if one.model.is_ratio else read(each.value)
         yield f"{each.sample} is unlike the others: {size} of what they let expect (p = {each.p_value:.2g})."
-    if one.strips_apart and not unlike:
-        yield f"None of {len(one.strips_apart)} strips is unlike the others."
+    if one.strip_deviations and not unlike:
+        yield f"None of {len(one.strip_deviations)} strips is unlike the others."
     worst = max(each.convergence.r_hat for each in one.scatter)
     least = min(min(each.convergence.bulk, each.convergence.tail) for each in one.scatter)
     yield (

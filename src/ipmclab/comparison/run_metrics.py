@@ -69,7 +69,7 @@ def metrics_of_run(run: Run, *, strip: Actuator | None = None, drift: Drift | No
 
 
 def _less_drift(metric: Metric, drift: Drift, run: Run, found: tuple[Metric, ...]) -> Metric:
-    """A metric of the run without its drift, told and with what the drift may be wrong by."""
+    """A metric of the run without its drift, reported with what the drift may be wrong by."""
     if metric.channel != "displacement":
         return metric
     text = (

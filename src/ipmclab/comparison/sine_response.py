@@ -56,15 +56,15 @@ def sine_responses(rows: Sequence[RunRow]) -> tuple[SineResponse, ...]:
     ----------
     rows : sequence of RunRow
     """
-    told = [row for row in rows if row.waveform in ("sine", "cosine") and "frequency" in row.values]
+    sine_rows = [row for row in rows if row.waveform in ("sine", "cosine") and "frequency" in row.values]
     columns = {}
     for name in _CONDITIONS:
-        values = [row.values.get(name, math.nan) for row in told]
+        values = [row.values.get(name, math.nan) for row in sine_rows]
         there = [value for value in values if math.isfinite(value)]
         levels = iter(levels_of(FACTORS[name], there))
         columns[name] = [next(levels) if math.isfinite(value) else None for value in values]
     groups: dict[tuple[object, ...], list[RunRow]] = {}
-    for place, row in enumerate(told):
+    for place, row in enumerate(sine_rows):
         key: tuple[object, ...] = (row.sample, *(columns[name][place] for name in _CONDITIONS))
         groups.setdefault(key, []).append(row)
     found = []

@@ -54,7 +54,8 @@ class RunRow:
 
     @property
     def strip(self) -> str:
-        """What tells its strip from others: the sample; where none is named, the run, whose strip may be any."""
+        """What distinguishes its strip from others: the sample; where none is named, the run, whose strip may be
+        any."""
         return self.sample or f"\0{self.run}"
 
 

@@ -2,8 +2,8 @@
 
 Four laws with one parameter of shape each, and none at all, fitted alike: errors multiply, and each group of runs that
 differ in nothing but this factor has a size of its own. They are compared by AICc and by the error at levels that were
-left out. Friend calls the growth with humidity, voltage and temperature exponential, each seen at three levels of one
-strip: with two free numbers a law, three readings decide nothing.
+left out. Friend calls the growth with humidity, voltage and temperature exponential, each observed at three levels of
+one strip: with two free numbers a law, three readings decide nothing.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from ipmclab.comparison.table import RunRow
 IntArray = npt.NDArray[np.intp]
 
 _TELLS: Final = 2.0
-"""A law counts as told from another where its AICc is lower by this (Burnham and Anderson, 2002, p. 70)."""
+"""A law counts as distinguished from another where its AICc is lower by this (Burnham and Anderson, 2002, p. 70)."""
 
 _BOUNDS: Final = (-20.0, 20.0)
 """Range of a shape: by what the logarithm of an exponential changes from the lowest level to the highest."""
@@ -98,8 +98,8 @@ class Trend:
     runs : int
     laws : tuple of LawFit
         The best first.
-    told : tuple of str
-        Laws that the runs do not exclude; all of them where they tell nothing.
+    not_excluded : tuple of str
+        Laws that the runs do not exclude; all of them where they show nothing.
     """
 
     key: str
@@ -108,16 +108,16 @@ class Trend:
     levels: tuple[float, ...]
     runs: int
     laws: tuple[LawFit, ...]
-    told: tuple[str, ...]
+    not_excluded: tuple[str, ...]
 
     def __str__(self) -> str:
         """One sentence."""
-        if len(self.told) == len(self.laws):
+        if len(self.not_excluded) == len(self.laws):
             return f"{self.runs} runs at {len(self.levels)} levels do not distinguish the laws"
-        if len(self.told) == 1:
-            return f"{self.told[0]}: every other law is excluded"
-        excluded = [one.law for one in self.laws if one.law not in self.told]
-        return f"{' or '.join(self.told)}; excluded: {', '.join(excluded)}"
+        if len(self.not_excluded) == 1:
+            return f"{self.not_excluded[0]}: every other law is excluded"
+        excluded = [one.law for one in self.laws if one.law not in self.not_excluded]
+        return f"{' or '.join(self.not_excluded)}; excluded: {', '.join(excluded)}"
 
 
 def trend_of(key: str, waveform: str, rows: Sequence[RunRow], factor: Factor) -> Trend | None:
@@ -136,15 +136,15 @@ def trend_of(key: str, waveform: str, rows: Sequence[RunRow], factor: Factor) ->
         None for fewer than three levels of the factor, a metric that is zero somewhere, or a factor that is not above
         zero.
     """
-    told = [
+    used = [
         row
         for row in rows
         if row.waveform == waveform and factor.name in row.values and key in row.metrics and row.metrics[key].value
     ]
-    if not told:
+    if not used:
         return None
-    along = levels_of(factor, [row.values[factor.name] for row in told])
-    groups = _alike(told, factor)
+    along = levels_of(factor, [row.values[factor.name] for row in used])
+    groups = _alike(used, factor)
     # A group at one level says nothing of the course.
     seen: dict[tuple[object, ...], set[float]] = {}
     for group, level in zip(groups, along, strict=True):
@@ -154,12 +154,12 @@ def trend_of(key: str, waveform: str, rows: Sequence[RunRow], factor: Factor) ->
     levels = tuple(sorted(set(x.tolist())))
     if len(levels) < 3 or levels[0] <= 0.0:
         return None
-    logs = np.log(np.abs([told[place].metrics[key].value for place in kept]))
+    logs = np.log(np.abs([used[place].metrics[key].value for place in kept]))
     order = {group: number for number, group in enumerate(dict.fromkeys(groups[place] for place in kept))}
     member = np.array([order[groups[place]] for place in kept], dtype=np.intp)
     place = (x - levels[0]) / (levels[-1] - levels[0])
     fits = [_fit(law, place, levels[-1] / levels[0], logs, member) for law in LAWS]
-    # A law for which there are too few runs cannot be excluded by one that asks for less.
+    # A law for which there are too few runs cannot be excluded by one that needs fewer.
     best = min(one.aicc for one in fits) if all(math.isfinite(one.aicc) for one in fits) else math.inf
     fits = [replace(one, aicc=one.aicc - best if math.isfinite(best) else math.inf) for one in fits]
     fits.sort(key=lambda one: (one.aicc, one.held_out))
@@ -185,9 +185,9 @@ def _fit(law: Law, place: FloatArray, ratio: float, logs: FloatArray, member: In
     left = _left(law.shape(shape, place, ratio), logs, member)
     count, groups = len(logs), len(set(member.tolist()))
     free = groups + (law.name != "constant") + 1
-    spread = float(left @ left) / count
+    variance = float(left @ left) / count
     room = count - free - 1
-    aicc = math.inf if room <= 0 else count * math.log(max(spread, 1e-30)) + 2.0 * free * (1.0 + (free + 1.0) / room)
+    aicc = math.inf if room <= 0 else count * math.log(max(variance, 1e-30)) + 2.0 * free * (1.0 + (free + 1.0) / room)
     change = math.exp(shape) if law.name != "constant" else 1.0
     return LawFit(law.name, change, aicc, _held_out(law, place, ratio, logs, member))
 
@@ -209,11 +209,11 @@ def _best_shape(law: Law, place: FloatArray, ratio: float, logs: FloatArray, mem
 
 def _left(course: FloatArray, logs: FloatArray, member: IntArray) -> FloatArray:
     """What a course leaves, each group with a size of its own."""
-    apart = logs - course
+    residual = logs - course
     counts = np.bincount(member)
     with np.errstate(invalid="ignore", divide="ignore"):
-        own = np.bincount(member, apart) / counts
-    return apart - own[member]
+        own = np.bincount(member, residual) / counts
+    return residual - own[member]
 
 
 def _held_out(law: Law, place: FloatArray, ratio: float, logs: FloatArray, member: IntArray) -> float:
@@ -224,11 +224,11 @@ def _held_out(law: Law, place: FloatArray, ratio: float, logs: FloatArray, membe
         if len(np.unique(place[~out])) < 2:
             return math.nan
         shape = _best_shape(law, place[~out], ratio, logs[~out], member[~out])
-        apart = logs - law.shape(shape, place, ratio)
+        residual = logs - law.shape(shape, place, ratio)
         counts = np.bincount(member[~out], minlength=member.max() + 1)
         with np.errstate(invalid="ignore", divide="ignore"):
-            means = np.bincount(member[~out], apart[~out], minlength=len(counts)) / counts
-        told = member[out][counts[member[out]] > 0]
-        errors += (apart[out][counts[member[out]] > 0] - means[told]).tolist()
+            means = np.bincount(member[~out], residual[~out], minlength=len(counts)) / counts
+        own_group = member[out][counts[member[out]] > 0]
+        errors += (residual[out][counts[member[out]] > 0] - means[own_group]).tolist()
     finite = [one for one in errors if math.isfinite(one)]
     return math.sqrt(float(np.mean(np.square(finite)))) if len(finite) == len(errors) and errors else math.nan

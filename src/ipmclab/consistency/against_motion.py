@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 
-from ipmclab.consistency.facts import Fact, with_zero_first
+from ipmclab.consistency.fact import Fact, with_zero_first
 from ipmclab.consistency.flick import NAMES as OF_RING
 from ipmclab.consistency.known import KnownStrip, Values
 from ipmclab.consistency.push import doubted
 from ipmclab.consistency.stiffness import Motion, stiffness
-from ipmclab.measurement.amount import SURE, Amount, apart, conflict, how_sure
+from ipmclab.measurement.amount import SURE, Amount, conflict, how_sure, sigmas_between
 from ipmclab.model.stages.beam import resonance
 from ipmclab.run import Finding
 
@@ -30,7 +30,7 @@ def push_against_motion(known: KnownStrip, facts: Sequence[Fact], motions: Seque
     measured = [fact for fact in facts if fact.metric == "stiffness"]
     if not (measured and motions):
         return []
-    at_point = known.spread(stiffness, _POINT) / stiffness(known.values)
+    at_point = known.standard_uncertainty(stiffness, _POINT) / stiffness(known.values)
 
     def both(push: Fact, one: Motion) -> tuple[Amount, Amount]:
         error = math.hypot(push.uncertainty, at_point * push.value)
@@ -41,7 +41,7 @@ def push_against_motion(known: KnownStrip, facts: Sequence[Fact], motions: Seque
         return []
     sigmas, still, pushed, push, one, also = worst
     if_pushed, if_moved = _ring(known, pushed.value), _ring(known, still.value)
-    zeros = _zeros_told(known, one, pushed.value)
+    zeros = _zeros_that_agree(known, one, pushed.value)
     return [
         conflict(
             PUSHED,
@@ -75,7 +75,7 @@ def resonance_against_motion(known: KnownStrip, facts: Sequence[Fact], motions: 
     measured = [fact for fact in facts if fact.metric == "resonance"]
     if not (measured and motions):
         return []
-    mass = known.spread(of_one, _MASS) / of_one(known.values)
+    mass = known.standard_uncertainty(of_one, _MASS) / of_one(known.values)
 
     def both(flick: Fact, one: Motion) -> tuple[Amount, Amount]:
         still = _static(known, one)
@@ -89,7 +89,7 @@ def resonance_against_motion(known: KnownStrip, facts: Sequence[Fact], motions: 
     sigmas, rings, expected, flick, one, also = worst
     still = _static(known, one)
     if_rung = still.value * (rings.value / expected.value) ** 2
-    zeros = _zeros_told(known, one, if_rung)
+    zeros = _zeros_that_agree(known, one, if_rung)
     return [
         conflict(
             RANG,
@@ -114,14 +114,14 @@ def resonance_against_motion(known: KnownStrip, facts: Sequence[Fact], motions: 
 def _worst(
     measured: Sequence[Fact], motions: Sequence[Motion], both: Callable[[Fact, Motion], tuple[Amount, Amount]]
 ) -> tuple[float, Amount, Amount, Fact, Motion, str] | None:
-    """The pair to tell of those that contradict each other, a step first, and a clause that names the others."""
+    """The pair to report of those that contradict each other, a step first, and a clause that names the others."""
     found = []
     for fact in measured:
         for one in motions:
-            if not fact.beside_conditions_of(one.force):
+            if not fact.in_conditions_of(one.force):
                 continue
             first, second = both(fact, one)
-            sigmas = apart(first, second)
+            sigmas = sigmas_between(first, second)
             if sigmas > SURE:
                 found.append((sigmas, first, second, fact, one))
     if not found:
@@ -138,9 +138,9 @@ def _static(known: KnownStrip, one: Motion) -> Amount:
     return Amount(value, math.hypot(share * one.measured.uncertainty, one.slow * value), "N/m")
 
 
-def _zeros_told(known: KnownStrip, one: Motion, still: float) -> str:
+def _zeros_that_agree(known: KnownStrip, one: Motion, still: float) -> str:
     """Clauses with the zeros by which force over displacement would say another stiffness [N/m]."""
-    return one.zeros_told(still * one.model / stiffness(known.values))
+    return one.zeros_that_agree(still * one.model / stiffness(known.values))
 
 
 def _taken_off(known: KnownStrip, one: Motion) -> str:

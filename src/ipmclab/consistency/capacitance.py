@@ -12,7 +12,7 @@ LITERATURE = (10.0, 1000.0)
 """Capacitance per area of one face [F/m^2]: smooth metal at the lower end, deep dendrites at the upper.
 
 The open records of four strips lie at 120 to 180.
-"""
+ (convention from published strips, checked against the open records)."""
 
 
 def capacitance_out_of_range(known: KnownStrip) -> list[Finding]:
@@ -23,7 +23,7 @@ def capacitance_out_of_range(known: KnownStrip) -> list[Finding]:
         return sum(values[name] for name in names) / values["geometry.thickness"]
 
     of = (*names, "geometry.thickness")
-    found = Amount(per_area(known.values), known.spread(per_area, of), "F/m^2")
+    found = Amount(per_area(known.values), known.standard_uncertainty(per_area, of), "F/m^2")
     low, high = (Amount(end, 0.0, "F/m^2") for end in LITERATURE)
     sigmas = beyond(found, low, high)
     if sigmas <= SURE:

@@ -11,7 +11,8 @@ from ipmclab.consistency.capacitance import capacitance_out_of_range
 from ipmclab.consistency.dimensions import thickness_unusual
 from ipmclab.consistency.dry_mass import CODE as DRY_MASS
 from ipmclab.consistency.dry_mass import dry_mass_against_layers
-from ipmclab.consistency.facts import Fact, facts_of_runs
+from ipmclab.consistency.fact import Fact
+from ipmclab.consistency.facts import facts_of_runs
 from ipmclab.consistency.flick import CODE as FLICK
 from ipmclab.consistency.flick import flicks, resonance_against_stiffness
 from ipmclab.consistency.known import KnownStrip
@@ -101,7 +102,7 @@ def cross_check(
     dry-mass-against-layers
     capacitance-out-of-range
     """
-    known = KnownStrip(actuator, sample or actuator.sample or _told_by(runs), fit)
+    known = KnownStrip(actuator, sample or actuator.sample or _reported_by(runs), fit)
     own = known.sample.id if known.sample else None
     mine = {place for place, run in enumerate(runs) if own in (None, _sample_of(run) or own)}
     together = [
@@ -133,7 +134,7 @@ def cross_check(
     )
 
 
-def _told_by(runs: Sequence[Run]) -> Sample | None:
+def _reported_by(runs: Sequence[Run]) -> Sample | None:
     """The sample that the runs name: None where they name none, or more than one."""
     named = [run.metadata.sample for run in runs if run.metadata.sample is not None]
     return named[0] if named and all(one == named[0] for one in named) else None

@@ -12,8 +12,9 @@ from ipmclab.units import LENGTH
 CODE: Final = "thickness-unusual"
 
 USUAL: Final = (20e-6, 1e-3)
-"""Thickness [m]: from the thinnest membranes (25 um) to several pressed on each other; Nafion is sold up to 0.25 mm."""
-_ROUNDED: Final = 1e-3  # relative: a value that is printed as the end of the range is in it
+"""Thickness [m]: from the thinnest membranes (25 um) to several pressed on each other; Nafion is sold up to 0.25 mm
+(convention)."""
+_ROUNDED: Final = 1e-3  # relative: a value that is printed as the end of the range is in it (convention)
 
 
 def thickness_unusual(actuator: Actuator) -> list[Finding]:

@@ -6,7 +6,7 @@ import math
 
 from ipmclab.consistency.known import KnownStrip, Values, area_of
 from ipmclab.consistency.polymers import membrane_of
-from ipmclab.measurement.amount import SURE, Amount, apart, conflict, how_sure
+from ipmclab.measurement.amount import SURE, Amount, conflict, how_sure, sigmas_between
 from ipmclab.run import Finding
 from ipmclab.units import MASS
 
@@ -27,13 +27,13 @@ def dry_mass_against_layers(known: KnownStrip) -> list[Finding]:
 
     area = area_of(known.values)
     uncertainty = math.hypot(
-        known.spread(layers, names),
+        known.standard_uncertainty(layers, names),
         known.uncertainty("sample.basis_weight", basis) * area,
         2.0 * known.uncertainty("sample.plating_loading", loading) * area,
     )
     expected = Amount.of(layers(known.values), uncertainty, MASS)
     weighed = Amount.of(sample.dry_mass, known.uncertainty("sample.dry_mass"), MASS)
-    sigmas = apart(weighed, expected)
+    sigmas = sigmas_between(weighed, expected)
     if sigmas <= SURE:
         return []
     return [

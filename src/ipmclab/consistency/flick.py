@@ -7,10 +7,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ipmclab.consistency.facts import Fact, label_of
+from ipmclab.consistency.fact import Fact
+from ipmclab.consistency.facts import label_of
 from ipmclab.consistency.known import KnownStrip, Values
 from ipmclab.consistency.push import push_of
-from ipmclab.measurement.amount import SURE, Amount, apart, conflict, how_sure
+from ipmclab.measurement.amount import SURE, Amount, conflict, how_sure, sigmas_between
 from ipmclab.model.stages.beam import resonance
 from ipmclab.quality.noise import noise_level
 from ipmclab.quality.record import NO_VOLTAGE
@@ -19,14 +20,14 @@ from ipmclab.run import Finding, FloatArray, Run
 CODE = "resonance-against-stiffness"
 NAMES = ("beam.modulus", "beam.density", "geometry.thickness", "geometry.free_length")
 
-_ROWS_OF_A_PERIOD = 8.0  # of fewer the highest may lie 8 % and more below the peak: 1 - cos(pi/8)
-_PERIODS = 3.0  # fewer do not tell a decay from a drift (convention)
+_ROWS_OF_A_PERIOD = 8.0  # fewer rows miss the peak by 8 % or more: 1 - cos(pi/8) (derived)
+_PERIODS = 3.0  # fewer do not distinguish a decay from a drift (convention)
 _STANDS_OUT = 10.0  # times the noise (convention)
 _LEAST_DECAY = 1e-3
-"""Of the angular frequency: what moves on and on is moved."""
+"""Of the angular frequency: what moves on and on is moved (convention)."""
 
 _CLAMP = 0.01
-"""Relative: a clamp gives way a little, and the air moves with the strip."""
+"""Relative: a clamp gives way a little, and the air moves with the strip (convention)."""
 
 
 def flicks(runs: Sequence[Run]) -> tuple[Fact, ...]:
@@ -113,13 +114,13 @@ def ring_of(displacement: FloatArray, rate: float) -> tuple[float, float] | None
     decay, turning = float(fitted.x[0]), float(fitted.x[1])
     height = math.hypot(float(factors[0]), float(factors[1]))
     rows = rate / (turning / (2.0 * math.pi))
-    spread = float(np.std(left))
-    if not (rows >= _ROWS_OF_A_PERIOD and len(values) >= _PERIODS * rows and spread < 0.2 * height):
+    deviation = float(np.std(left))
+    if not (rows >= _ROWS_OF_A_PERIOD and len(values) >= _PERIODS * rows and deviation < 0.2 * height):
         return None
     if height < _STANDS_OUT * noise or not _LEAST_DECAY < decay / turning < 1.0 / _PERIODS:
         return None
     curvature = fitted.jac.T @ fitted.jac
-    error = math.sqrt(float(np.linalg.inv(curvature)[1, 1])) * spread / size
+    error = math.sqrt(float(np.linalg.inv(curvature)[1, 1])) * deviation / size
     natural = math.hypot(turning, decay) / (2.0 * math.pi)
     return natural, error / (2.0 * math.pi)
 
@@ -133,11 +134,11 @@ def resonance_against_stiffness(known: KnownStrip, facts: Sequence[Fact]) -> lis
     measured = [fact for fact in facts if fact.metric == "resonance"]
     if not measured:
         return []
-    expected = Amount(frequency(known.values), known.spread(frequency, NAMES), "Hz")
+    expected = Amount(frequency(known.values), known.standard_uncertainty(frequency, NAMES), "Hz")
     found = []
     for fact in measured:
         rings = Amount(fact.value, fact.uncertainty, "Hz")
-        sigmas = apart(rings, expected)
+        sigmas = sigmas_between(rings, expected)
         if sigmas > SURE:
             modulus = known.values["beam.modulus"] * (rings.value / expected.value) ** 2
             found.append(

@@ -20,14 +20,14 @@ ASSUMED: Final[tuple[tuple[str, float, bool, str], ...]] = (
     (r"geometry\.width", 1e-4, False, "cut by hand"),
     (r"geometry\..*_length", 5e-4, False, "a ruler at the edge of the clamp"),
     (r"sample\..*_mass", 1e-6, False, "a balance that shows 1 mg"),
-    (r"sample\.plating_loading", 0.10, True, "metal taken up by the whole batch, spread evenly"),
+    (r"sample\.plating_loading", 0.10, True, "metal taken up by the whole batch, distributed evenly"),
     (r"sample\.basis_weight", 0.05, True, "between batches"),
     (r"beam\.density", 0.02, True, "mass over volume"),
     (r"beam\.modulus", 0.10, True, "a push test"),
     (r".*", 0.05, True, "no better than that without a fit"),
 )
 """What is taken where nobody states an uncertainty: pattern of the name, standard uncertainty [SI], whether it is a
-part of the value, and why."""
+part of the value, and why (convention)."""
 
 
 def area_of(values: Values) -> float:
@@ -68,7 +68,7 @@ class KnownStrip:
         """Whether nobody stated an uncertainty."""
         return name not in self._fitted and name not in self.actuator.standard_uncertainties
 
-    def spread(self, function: Callable[[Values], float], names: Iterable[str]) -> float:
+    def standard_uncertainty(self, function: Callable[[Values], float], names: Iterable[str]) -> float:
         """Standard uncertainty of what follows from some parameters: each moved by its own, added in squares."""
         total = 0.0
         for name in names:

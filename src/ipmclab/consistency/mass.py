@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ipmclab.consistency.known import KnownStrip, Values, area_of
-from ipmclab.measurement.amount import SURE, Amount, apart, conflict, how_sure
+from ipmclab.measurement.amount import SURE, Amount, conflict, how_sure, sigmas_between
 from ipmclab.run import Finding
 from ipmclab.units import LENGTH, MASS
 
@@ -28,10 +28,10 @@ def density_against_mass(known: KnownStrip) -> list[Finding]:
 
     value = needed(known.values)
     of_mass = value * known.uncertainty(which, mass) / mass
-    needs = Amount.of(value, (known.spread(needed, names) ** 2 + of_mass**2) ** 0.5, LENGTH)
+    needs = Amount.of(value, (known.standard_uncertainty(needed, names) ** 2 + of_mass**2) ** 0.5, LENGTH)
     thickness = known.values["geometry.thickness"]
     has = Amount.of(thickness, known.uncertainty("geometry.thickness"), LENGTH)
-    sigmas = apart(needs, has)
+    sigmas = sigmas_between(needs, has)
     if sigmas <= SURE:
         return []
     density, implied = known.values["beam.density"], mass / (area_of(known.values) * thickness)

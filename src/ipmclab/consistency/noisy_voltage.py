@@ -21,23 +21,23 @@ from ipmclab.ties import names_by_size
 
 CODE = "noisy-voltage"
 
-_TELL: Final = 0.5
-"""Standard errors by which a parameter is moved, from which on it is told."""
+_REPORTED_FROM: Final = 0.5
+"""Standard errors by which a parameter is moved, from which on it is reported (convention)."""
 
-_FEWEST: Final = 50  # rows of constant voltage, by which its scatter is known
-_ROWS: Final = 400  # of the answer to one row of voltage: its square is in the first few
-_SURE: Final = 4.0  # standard errors: one share in 16,000 by chance
+_FEWEST: Final = 50  # rows of constant voltage, by which its scatter is known (convention)
+_ROWS: Final = 400  # of the answer to one row of voltage: its square is in the first few (a limit)
+_SURE: Final = 4.0  # standard errors: one share in 16,000 by chance (convention)
 _NOT_ELECTRIC: Final = ("coupling.", "beam.", "relaxation.", "viscoelastic.", "laser.")
-_STEP: Final = 1e-4  # of a parameter, over which a derivative is taken
+_STEP: Final = 1e-4  # of a parameter, over which a derivative is taken (convention)
 
 
 def noisy_voltage(fit: Fit, runs: Sequence[Run]) -> list[Finding]:
     """``noisy-voltage``: the recorded voltage scatters where the current does not, and that moves a parameter.
 
     A fit takes the recorded voltage for the one that was applied. Of scatter n that was not, the model answers g * n,
-    which least squares makes small beside what is to be explained: over N rows it gains N s^2 grad(|g|^2)/2, so that
-    the parameters move by -C N s^2 grad(|g|^2)/(2 sigma^2). Scatter that did reach the strip is in the current too:
-    what part did not is read from the residuals, which then hold -g * n.
+    which least squares makes small compared with what is to be explained: over N rows it gains N s^2 grad(|g|^2)/2, so
+    that the parameters move by -C N s^2 grad(|g|^2)/(2 sigma^2). Scatter that did reach the strip is in the current
+    too: what part did not is read from the residuals, which then hold -g * n.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ def noisy_voltage(fit: Fit, runs: Sequence[Run]) -> list[Finding]:
         slope += weight * _half_gradient(fit.actuator, names, kind)
     covariance = np.array([[fit.covariance[one][other] for other in names] for one in names])
     moved = dict(zip(names, (-covariance @ slope).tolist(), strict=True))
-    return _told(fit, moved, max(scatters))
+    return _reported_of(fit, moved, max(scatters))
 
 
 def _scatter(run: Run) -> tuple[float, FloatArray] | None:
@@ -137,7 +137,7 @@ def _half_gradient(actuator: Actuator, names: Sequence[str], kind: tuple[float, 
         try:
             ends = [_pulse(actuator.replace(**{name: actuator[name] + sign * step}), kind) for sign in (1.0, -1.0)]
         except InputError:
-            continue  # it stands at the end of its range
+            continue  # it is at the end of its range
         slopes[place] = (float(ends[0] @ ends[0]) - float(ends[1] @ ends[1])) / (4.0 * step)
     return slopes
 
@@ -154,9 +154,9 @@ def _not_applied(deviations: FloatArray, left: FloatArray, answer: FloatArray) -
     return min(share, 1.0) if share > _SURE * error else 0.0
 
 
-def _told(fit: Fit, moved: Mapping[str, float], scatter: float) -> list[Finding]:
+def _reported_of(fit: Fit, moved: Mapping[str, float], scatter: float) -> list[Finding]:
     parts = {name: away / fit.parameters[name].standard_error for name, away in moved.items()}
-    worst = names_by_size({name: part for name, part in parts.items() if abs(part) >= _TELL})
+    worst = names_by_size({name: part for name, part in parts.items() if abs(part) >= _REPORTED_FROM})
     if not worst:
         return []
     text = ", ".join(

@@ -1,4 +1,4 @@
-"""A fit, and the runs that it was made from, held against what else is known of the strip."""
+"""A fit, and the runs that it was made from, compared with what else is known of the strip."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from ipmclab.run import Finding, Run
 def with_cross_checks(fit: Fit, runs: Sequence[Run]) -> Fit:
     """A fit with a finding for each pair of facts about its strip that contradict each other.
 
-    Where the unit of a reading is off, that comes first, and nothing that a fit of such readings says stands beside it
+    Where the unit of a reading is off, that comes first, and nothing that a fit of such readings says is shown with it
     but what was left out of them.
 
     Parameters

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from ipmclab.consistency.facts import Fact
+from ipmclab.consistency.fact import Fact
 from ipmclab.consistency.known import KnownStrip, Values
-from ipmclab.measurement.amount import SURE, Amount, apart, conflict, how_sure
+from ipmclab.measurement.amount import SURE, Amount, conflict, how_sure, sigmas_between
 from ipmclab.run import Finding
 from ipmclab.units import CURRENT
 
@@ -18,7 +18,7 @@ def peak_above_series_resistance(known: KnownStrip, facts: Sequence[Fact]) -> li
     """``peak-above-series-resistance``: a current that not even a short circuit behind the electrodes would draw.
 
     Of a lumped electrode the bound is V/(2 R_e + R_contact); where the electrode is a line or the clamped section is
-    fed directly, it is the current just after a step, which no passive circuit exceeds. The worst is told.
+    fed directly, it is the current just after a step, which no passive circuit exceeds. The worst is reported.
     """
     structure = known.actuator.structure
     lumped = not structure.clamp and not structure.line
@@ -34,18 +34,18 @@ def peak_above_series_resistance(known: KnownStrip, facts: Sequence[Fact]) -> li
     resistance = series(known.values)
     if resistance <= 0.0:
         return []
-    relative = known.spread(series, names) / resistance
+    relative = known.standard_uncertainty(series, names) / resistance
     found = []
     for fact in facts:
         if fact.metric == "peak_current" and fact.waveform in ("step", "sine", "square"):
             allowed = Amount.of(fact.swing / resistance, relative * fact.swing / resistance, CURRENT)
-            seen = Amount.of(fact.value, fact.uncertainty, CURRENT)
-            sigmas = apart(seen, allowed) if seen.value > allowed.value else 0.0
+            measured = Amount.of(fact.value, fact.uncertainty, CURRENT)
+            sigmas = sigmas_between(measured, allowed) if measured.value > allowed.value else 0.0
             if sigmas > SURE:
-                found.append((sigmas, seen, allowed, fact))
+                found.append((sigmas, measured, allowed, fact))
     if not found:
         return []
-    sigmas, seen, allowed, fact = max(found, key=lambda one: (one[1].value / one[2].value, one[0]))
+    sigmas, measured, allowed, fact = max(found, key=lambda one: (one[1].value / one[2].value, one[0]))
     others = len(found) - 1
     what = "in series with the branches" if lumped else "at the first instant"
     more = f" (and {others} more)" if others else ""
@@ -53,15 +53,15 @@ def peak_above_series_resistance(known: KnownStrip, facts: Sequence[Fact]) -> li
     return [
         conflict(
             CODE,
-            f"{fact.where}{more}: the current reaches {bound}{seen}, but {fact.swing:.3g} V over {resistance:.4g} ohm "
-            f"{what} allow {allowed} at most: {how_sure(sigmas)}" + known.taken(names),
+            f"{fact.where}{more}: the current reaches {bound}{measured}, but {fact.swing:.3g} V over "
+            f"{resistance:.4g} ohm {what} allow {allowed} at most: {how_sure(sigmas)}" + known.taken(names),
             "measure the resistance from clamp to clamp with a 10 kHz tone, where the branches are a short circuit; if "
             "it is as the model has it, the clamped section is fed directly (add the clamp or line stage)",
-            found=seen,
+            found=measured,
             expected=allowed,
             sigmas=sigmas,
             channel="current",
             more={"series_resistance": resistance, "voltage": fact.swing, "count": len(found)}
-            | ({"largest_ratio": seen.value / allowed.value} if math.isfinite(seen.value) else {}),
+            | ({"largest_ratio": measured.value / allowed.value} if math.isfinite(measured.value) else {}),
         )
     ]

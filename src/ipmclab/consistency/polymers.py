@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from typing import Final
 
 PLATINUM: Final = 21450.0
-"""Density of dense platinum [kg/m^3]."""
+"""Density of dense platinum [kg/m^3] (physical constant)."""
 
 WATER: Final = 0.018015
-"""Molar mass of water [kg/mol]."""
+"""Molar mass of water [kg/mol] (physical constant)."""
 
 
 @dataclass(frozen=True)
@@ -37,10 +37,11 @@ class Membrane:
 
 
 EQUIVALENT_WEIGHT: Final = 1.100
-"""Polymer [kg] that holds one mole of acid groups: N115, N117, N1110."""
+"""Polymer [kg] that holds one mole of acid groups: N115, N117, N1110 (data sheet)."""
 
 _LEAST: Final = 12.0 * WATER / EQUIVALENT_WEIGHT
-"""12 molecules of water for each acid group: a membrane that was dried hot and then lay in water at 25 degC."""
+"""12 molecules of water for each acid group: a membrane that was dried hot and then lay in water at 25 degC
+(convention)."""
 
 
 def _nafion(name: str, micrometres: float, grams: float) -> Membrane:
@@ -53,7 +54,7 @@ MEMBRANES: Final = {
     "117": _nafion("N117", 183.0, 360.0),
     "1110": _nafion("N1110", 254.0, 500.0),
 }
-"""By the number in the name."""
+"""By the number in the name (data sheet)."""
 
 
 def membrane_of(text: str | None) -> Membrane | None:

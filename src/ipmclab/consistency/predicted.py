@@ -6,11 +6,12 @@ from functools import lru_cache
 
 import numpy as np
 
-from ipmclab.consistency.facts import READ_BY, Fact
+from ipmclab.consistency.fact import Fact
+from ipmclab.consistency.facts import READ_BY
 from ipmclab.model import Actuator, simulate
 
 _PERIODS = 4  # after which the amplitude of a strip no longer changes (convention)
-_ROWS_OF_A_PERIOD = 500  # a peak between rows is missed by 2e-5 of it (1 - cos(pi/500))
+_ROWS_OF_A_PERIOD = 500  # a peak between rows is missed by 2e-5 of it: 1 - cos(pi/500) (derived)
 
 
 def predicted(actuator: Actuator, fact: Fact) -> float:

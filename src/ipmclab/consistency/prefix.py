@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence, Set
 from dataclasses import replace
 
-from ipmclab.consistency.facts import Fact, in_one_air
-from ipmclab.measurement.amount import SURE, Amount, apart, conflict, how_sure
+from ipmclab.consistency.fact import Fact, in_one_air
+from ipmclab.measurement.amount import SURE, Amount, conflict, how_sure, sigmas_between
 from ipmclab.quality import check_together
 from ipmclab.run import Finding, Run
 from ipmclab.units import CURRENT
@@ -32,24 +32,24 @@ def in_one_environment(finding: Finding, runs: Sequence[Run]) -> bool:
 def prefix_of_runs(together: Sequence[Finding], runs: Sequence[Run], outputs: Set[str]) -> list[Finding]:
     """``prefix-disagrees`` of runs, reading by reading: ``state-changed`` of ``check``, with its experiment.
 
-    Runs of different mountings are expected to differ: all that do are told in one line of each output. Of a fit only
-    what it used counts: ``outputs``; everything where that is empty.
+    Runs of different mountings are expected to differ: all that do are reported in one line of each output. Of a fit
+    only what it used counts: ``outputs``; everything where that is empty.
     """
     changed = [
         finding
         for finding in together
         if finding.code == "state-changed" and (not outputs or finding.channel in outputs)
     ]
-    apart = [finding for finding in changed if len(set(_mountings(finding, runs))) == 2]
+    between_two = [finding for finding in changed if len(set(_mountings(finding, runs))) == 2]
     return [
         *(
             replace(finding, code=CODE, repair=f"{finding.repair}; cheapest experiment that decides: {_EXPERIMENT}")
             for finding in changed
-            if finding not in apart
+            if finding not in between_two
         ),
         *(
-            _between_mountings([finding for finding in apart if finding.channel == channel], runs)
-            for channel in dict.fromkeys(finding.channel for finding in apart)
+            _between_mountings([finding for finding in between_two if finding.channel == channel], runs)
+            for channel in dict.fromkeys(finding.channel for finding in between_two)
         ),
     ]
 
@@ -60,17 +60,22 @@ def _mountings(finding: Finding, runs: Sequence[Run]) -> list[str]:
     return [one.mounting_id for one in about if one.mounting_id]
 
 
-def _between_mountings(apart: Sequence[Finding], runs: Sequence[Run]) -> Finding:
-    names = sorted({name for finding in apart for name in _mountings(finding, runs)})
-    ratios = [float(finding.values["ratio"] or 0.0) for finding in apart]
+def _between_mountings(between_two: Sequence[Finding], runs: Sequence[Run]) -> Finding:
+    names = sorted({name for finding in between_two for name in _mountings(finding, runs)})
+    ratios = [float(finding.values["ratio"] or 0.0) for finding in between_two]
     return replace(
-        apart[0],
+        between_two[0],
         code=CODE,
         severity="info",
-        message=f"{apart[0].channel}: under the same voltage runs of the mountings {', '.join(names)} differ, as "
+        message=f"{between_two[0].channel}: under the same voltage runs of the mountings {', '.join(names)} differ, as "
         f"mountings do ({min(ratios):.3g} to {max(ratios):.3g} times)",
         repair="",
-        values={"pairs": len(apart), "least": min(ratios), "most": max(ratios), "until": apart[0].values["until"]},
+        values={
+            "pairs": len(between_two),
+            "least": min(ratios),
+            "most": max(ratios),
+            "until": between_two[0].values["until"],
+        },
     )
 
 
@@ -80,13 +85,13 @@ def prefix_of_facts(facts: Sequence[Fact]) -> list[Finding]:
     peaks = [fact for fact in facts if fact.metric == "peak_current" and fact.place is None]
     for step in peaks:
         for square in peaks:
-            alike = step.beside == square.beside and step.conditions == square.conditions
+            alike = step.measured_with == square.measured_with and step.conditions == square.conditions
             same = step.amplitude is not None and step.amplitude == square.amplitude
             if step.waveform != "step" or square.waveform != "square" or not (alike and same) or square.at_least:
                 continue
             first = Amount.of(step.value, step.uncertainty, CURRENT)
             second = Amount.of(square.value, square.uncertainty, CURRENT)
-            sigmas = apart(first, second) if first.value > second.value else 0.0
+            sigmas = sigmas_between(first, second) if first.value > second.value else 0.0
             if sigmas > SURE:
                 bound = "at least " if step.at_least else ""
                 found.append(

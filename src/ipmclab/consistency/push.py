@@ -10,11 +10,12 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.consistency.facts import Fact, label_of
+from ipmclab.consistency.fact import Fact
+from ipmclab.consistency.facts import label_of
 from ipmclab.consistency.known import KnownStrip
 from ipmclab.consistency.stiffness import NAMES, stiffness
 from ipmclab.errors import InputError
-from ipmclab.measurement.amount import SURE, Amount, apart, conflict, how_sure
+from ipmclab.measurement.amount import SURE, Amount, conflict, how_sure, sigmas_between
 from ipmclab.measurement.push import CALIBRATION, USUAL_SCALES, Push, in_contact
 from ipmclab.measurement.push import stiffness as slope_of_push
 from ipmclab.measurement.uncertain import Uncertain
@@ -27,16 +28,17 @@ from ipmclab.run import Finding, FloatArray, Run
 CODE = "push-against-stiffness"
 
 _READINGS: Final = 120
-"""Means that a record is brought down to: noise goes, and drift is not taken for so many independent readings."""
+"""Means that a record is brought down to: noise goes, and drift is not taken for so many independent readings
+(convention)."""
 
-_LEAST_TRAVEL: Final = 50e-6  # [m], a fifth of the thickness of a usual strip
+_LEAST_TRAVEL: Final = 50e-6  # m, a fifth of the thickness of a usual strip (convention)
 _MOST_WAYS: Final = 20  # a push in and out repeated ten times: more is no push (convention)
 _SLOWEST_RING: Final = 0.5
-"""A way in or out takes longer [s] than half a period of the slowest ring."""
+"""A way in or out takes longer [s] than half a period of the slowest ring (convention)."""
 
-_BETWEEN: Final = 3  # readings in each quarter of the travel: two positions show no line
-_STRAIGHT: Final = 0.95  # of the variance of the force that one line has to explain
-_KNOWN: Final = 0.25  # relative uncertainty from which a slope is none
+_BETWEEN: Final = 3  # readings in each quarter of the travel: two positions show no line (convention)
+_STRAIGHT: Final = 0.95  # of the variance of the force that one line has to explain (convention)
+_KNOWN: Final = 0.25  # relative uncertainty from which a slope is none (convention)
 
 
 def pushes(runs: Sequence[Run]) -> tuple[Fact, ...]:
@@ -146,10 +148,10 @@ def push_against_stiffness(known: KnownStrip, facts: Sequence[Fact]) -> list[Fin
     if not measured:
         return []
     found = []
-    expected = Amount(stiffness(known.values), known.spread(stiffness, NAMES), "N/m")
+    expected = Amount(stiffness(known.values), known.standard_uncertainty(stiffness, NAMES), "N/m")
     for fact in measured:
         pushed = Amount(fact.value, fact.uncertainty, "N/m")
-        sigmas = apart(pushed, expected)
+        sigmas = sigmas_between(pushed, expected)
         if sigmas > SURE:
             modulus = known.values["beam.modulus"] * pushed.value / expected.value
             found.append(

@@ -8,7 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ipmclab.consistency.facts import READ_BY, READ_UNTIL, Fact, with_zero_first, zero_told
+from ipmclab.consistency.fact import Fact, with_zero_first, zero_that_agrees
+from ipmclab.consistency.facts import READ_BY, READ_UNTIL
 from ipmclab.consistency.known import KnownStrip
 from ipmclab.consistency.predicted import predicted
 from ipmclab.measurement.amount import SURE, Amount, beyond, conflict, how_sure
@@ -16,7 +17,8 @@ from ipmclab.run import Finding
 
 CODE = "sine-against-step"
 MODEL: float = 0.05
-"""Relative standard uncertainty of the model's ratio beside that of its stated parameters: when a peak was read."""
+"""Relative standard uncertainty of the model's ratio in addition to that of its stated parameters: when a peak was read
+(convention)."""
 
 
 def sine_against_step(known: KnownStrip, facts: Sequence[Fact]) -> list[Finding]:
@@ -32,7 +34,7 @@ def sine_against_step(known: KnownStrip, facts: Sequence[Fact]) -> list[Finding]
             continue
         for step in facts:
             same = sine.amplitude is not None and step.amplitude is not None
-            if step.waveform != "step" or step.metric != sine.metric or not same or not step.beside_conditions_of(sine):
+            if step.waveform != "step" or step.metric != sine.metric or not same or not step.in_conditions_of(sine):
                 continue
             if step.at_least or abs((sine.amplitude or 0.0) / (step.amplitude or 1.0) - 1.0) > 0.02:
                 continue
@@ -59,7 +61,7 @@ def _compare(known: KnownStrip, sine: Fact, step: Fact) -> Finding | None:
     frequency = sine.frequency or 0.0
     lag = math.sqrt(1.0 / value**2 - 1.0) / (2.0 * math.pi * frequency) if value < 1.0 else None
     needs = f"; one slow mode would need a time constant of {lag:.2g} s" if lag else ""
-    zero = zero_told(step, sine.value / expected.value)
+    zero = zero_that_agrees(step, sine.value / expected.value)
     return conflict(
         CODE,
         f"the {channel} under the {sine.signal} is {measured} of that under the {step.signal} "

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from itertools import combinations
 
-from ipmclab.consistency.facts import Fact, with_zero_first, zero_told
-from ipmclab.measurement.amount import SURE, Amount, apart, conflict, how_sure
+from ipmclab.consistency.fact import Fact, with_zero_first, zero_that_agrees
+from ipmclab.measurement.amount import SURE, Amount, conflict, how_sure, sigmas_between
 from ipmclab.run import Finding
 from ipmclab.units import CURRENT
 
@@ -32,7 +32,7 @@ def two_states(facts: Sequence[Fact], compared: Collection[tuple[int, int]] = ()
         if small.at_least:
             continue  # it may be as large as the other
         amounts = [Amount.of(fact.value, fact.uncertainty, CURRENT) for fact in (large, small)]
-        sigmas = apart(*amounts)
+        sigmas = sigmas_between(*amounts)
         if sigmas > SURE:
             found.append((_ORDER.index(large.waveform), large.metric != "peak_current", sigmas, large, small, amounts))
     if not found:
@@ -45,7 +45,7 @@ def two_states(facts: Sequence[Fact], compared: Collection[tuple[int, int]] = ()
     ]
     also = f"; likewise {', '.join(rest)}" if rest else ""
     bound = "at least " if large.at_least else ""
-    zero = zero_told(large, small.value) + zero_told(small, large.value)
+    zero = zero_that_agrees(large, small.value) + zero_that_agrees(small, large.value)
     return [
         conflict(
             CODE,
@@ -68,4 +68,4 @@ def two_states(facts: Sequence[Fact], compared: Collection[tuple[int, int]] = ()
 
 
 def _run_of(fact: Fact) -> str:
-    return f"{fact.where} (beside the {fact.beside})" if fact.beside else fact.where
+    return f"{fact.where} (measured with the {fact.measured_with})" if fact.measured_with else fact.where

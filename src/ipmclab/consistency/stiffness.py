@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ipmclab.consistency.facts import Fact, with_zero_first, zero_told
+from ipmclab.consistency.fact import Fact, with_zero_first, zero_that_agrees
 from ipmclab.consistency.known import KnownStrip, Values
 from ipmclab.consistency.predicted import predicted
-from ipmclab.measurement.amount import SURE, Amount, apart, conflict, how_sure
+from ipmclab.measurement.amount import SURE, Amount, conflict, how_sure, sigmas_between
 from ipmclab.model import Actuator
 from ipmclab.model.stages.beam import resonance
 from ipmclab.run import Finding
@@ -59,13 +59,15 @@ class Motion:
         force, motion = self.force, self.motion
         return f"{_milli(force.value)} mN in {force.where} over {_milli(motion.value)} mm in {motion.where}"
 
-    def zeros_told(self, ratio: float) -> str:
+    def zeros_that_agree(self, ratio: float) -> str:
         """Clauses with the zeros that would bring force over displacement to a ratio [N/m], where none is shown."""
-        return zero_told(self.force, ratio * self.motion.value) + zero_told(self.motion, self.force.value / ratio)
+        return zero_that_agrees(self.force, ratio * self.motion.value) + zero_that_agrees(
+            self.motion, self.force.value / ratio
+        )
 
     @property
     def order(self) -> int:
-        """A step is told before a sine or a square."""
+        """A step is reported before a sine or a square."""
         return ("step", "sine", "square").index(self.force.waveform)
 
 
@@ -92,7 +94,13 @@ def motions_of(known: KnownStrip, facts: Sequence[Fact]) -> list[Motion]:
             return _ratio(known.actuator.replace(**{name: values[name] for name in slow}), force, motion)
 
         found.append(
-            Motion(force, motion, Amount(value, relative * value, "N/m"), model, known.spread(ratio, slow) / model)
+            Motion(
+                force,
+                motion,
+                Amount(value, relative * value, "N/m"),
+                model,
+                known.standard_uncertainty(ratio, slow) / model,
+            )
         )
     return found
 
@@ -105,13 +113,13 @@ def motion_against_stiffness(known: KnownStrip, motions: Sequence[Motion]) -> li
     """``motion-against-stiffness``: blocked force over free displacement under one voltage is not the model's.
 
     In the base model that ratio is the stiffness at the sensing point for every signal; with slow modes it is read from
-    the model as it was measured. A step is told before a sine or a square.
+    the model as it was measured. A step is reported before a sine or a square.
     """
     found = []
-    spread = known.spread(stiffness, NAMES) / stiffness(known.values)
+    spread = known.standard_uncertainty(stiffness, NAMES) / stiffness(known.values)
     for one in motions:
         expected = Amount(one.model, math.hypot(spread, one.slow) * one.model, "N/m")
-        sigmas = apart(one.measured, expected)
+        sigmas = sigmas_between(one.measured, expected)
         if sigmas > SURE:
             found.append((one.order, sigmas, one.measured, expected, one))
     if not found:
@@ -123,7 +131,7 @@ def motion_against_stiffness(known: KnownStrip, motions: Sequence[Motion]) -> li
     gain = known.values["coupling.gain"] * motion.value / predicted(known.actuator, motion)
     softer = known.actuator.replace(**{"beam.modulus": modulus, "coupling.gain": gain})
     now, then = (resonance(one.parameter_values).frequency for one in (known.actuator, softer))
-    zeros = worst.zeros_told(expected.value)
+    zeros = worst.zeros_that_agree(expected.value)
     rings = sorted((ring_of_step(known.actuator), ring_of_step(softer)))
     rest = [
         f"{one[4].force.waveform} {known.values['beam.modulus'] * one[2].value / one[3].value * 1e-6:.3g} MPa"

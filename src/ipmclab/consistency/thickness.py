@@ -11,10 +11,10 @@ from ipmclab.units import LENGTH
 CODE = "thickness-against-membrane"
 
 _DRY = 0.95
-"""A dry membrane is thinner than at 50 % relative humidity."""
+"""A dry membrane is thinner than at 50 % relative humidity (convention)."""
 
 _POROUS = 2.0
-"""Thickness of a plated layer over that of the same metal when dense."""
+"""Thickness of a plated layer over that of the same metal when dense (convention)."""
 
 
 def thickness_against_membrane(known: KnownStrip) -> list[Finding]:

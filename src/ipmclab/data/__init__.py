@@ -37,7 +37,7 @@ class PublishedMeasurement:
     figure : str
         The figure that shows the run.
     measured : "displacement" or "force"
-        What was measured beside the current.
+        What was measured in addition to the current.
     waveform : "step", "sine" or "square"
     amplitude : float [V]
     frequency : float [Hz], optional

@@ -143,7 +143,7 @@ def cluster(address: str, *, patience: float = PATIENCE) -> Iterator[Cluster]:
     if not _ADDRESS.fullmatch(address):
         raise _no_scheduler("this is no address", address)
     with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", message="(?s).*Mismatched versions", category=Warning)  # told below
+        warnings.filterwarnings("ignore", message="(?s).*Mismatched versions", category=Warning)  # reported below
         try:
             client = distributed.Client(address, timeout=ANSWER, set_as_default=False)
         except (OSError, ValueError, TypeError, ImportError) as error:
@@ -182,8 +182,8 @@ def _same_software(client: Any, address: str) -> None:
     asked = ("ipmclab", *_SAME)
     found = client.get_versions(packages=["ipmclab"])
     mine = {name: str(found["client"]["packages"][name]) for name in asked}
-    for place, told in {"the scheduler": found["scheduler"], **found["workers"]}.items():
-        theirs = {name: str(told["packages"].get(name) or "not installed") for name in asked}
+    for place, versions in {"the scheduler": found["scheduler"], **found["workers"]}.items():
+        theirs = {name: str(versions["packages"].get(name) or "not installed") for name in asked}
         if words := differences(mine, theirs):
             raise _other_software(words, f"{address}, {place}")
 

@@ -2,7 +2,7 @@
 
 Whatever does the tasks, a task is a function of a module, what all tasks share, and what this one has for itself. It
 gives the same numbers wherever it is done, and results are put together by the places of their tasks, never by when
-they came: so the answer does not hang on the engine.
+they came: so the answer does not depend on the engine.
 """
 
 from __future__ import annotations

@@ -47,7 +47,7 @@ def packed(function: Callable[..., Any], task: Any) -> bytes:
 
 
 def perform(shared: Any, work: bytes) -> Outcome:
-    """Do a task, and keep what it raises apart from what happens to workers.
+    """Do a task, and keep what it raises separate from what happens to workers.
 
     Examples
     --------
@@ -78,7 +78,7 @@ def _not_found(error: Exception) -> InputError:
 
 @cache
 def software() -> dict[str, str]:
-    """What the digits of a result may hang on: Python, packages, and the text of ipmclab itself.
+    """What the digits of a result may depend on: Python, packages, and the text of ipmclab itself.
 
     Examples
     --------

@@ -52,7 +52,7 @@ _SHOWN: Final = 3  # residuals that a sentence lists
 
 
 KNOWN: Final = "known from these readings"
-"""What stands over the quantities that are known where parameters are not determined."""
+"""The title of the quantities that are known where parameters are not determined."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ class Row:
     ----------
     name, value, interval, unit : str
     remark : str
-        That it stands at its bound, what was known beforehand, or on which fixed value it leans.
+        That it is at its bound, what was known beforehand, or on which fixed value it leans.
     determined : bool
     """
 
@@ -89,7 +89,7 @@ class Answer:
     more : int
         Findings that are not among them.
     known_title : str
-        What stands over what is known.
+        The title of what is known.
     """
 
     parameters: tuple[Row, ...]
@@ -184,7 +184,7 @@ def known_rows(fit: Fit) -> tuple[Row, ...]:
 
 
 def known_title(fit: Fit) -> str:
-    """What stands over them: of a model that lacks something their intervals say nothing of what it lacks."""
+    """Their title: of a model that lacks something their intervals say nothing of what it lacks."""
     return KNOWN + (", if the model holds" if lacks_something(fit) else "")
 
 
@@ -255,12 +255,12 @@ def verdict(fit: Fit, missed: Collection[str] = ()) -> str:
         use = f"This fit follows the {what} of its own runs, but does not predict the {_listed(lost)} of others"
     elif (worst is not None and worst > _ROUGH) or any(one.code in IMPOSSIBLE for one in fit.findings):
         use = f"This fit predicts the {what} only roughly"
-    if not lost and hardly_stands(fit):
+    if not lost and hardly_determined(fit):
         use += f"{' and' if use.endswith('roughly') else ''} only for voltages and durations like those of its own runs"
     return f"{use} ({followed}); {_of_parameters(fit)}."
 
 
-def hardly_stands(fit: Fit) -> bool:
+def hardly_determined(fit: Fit) -> bool:
     """Whether so little that a fit found is known of the strip itself that it follows its own records, and no more.
 
     Parameters of an observation (a zero, a delay) belong to a record. Of a model that lacks something most of the
@@ -374,7 +374,7 @@ def _size(fit: Fit, label: str, output: str, percent: float | None) -> str:
 
 
 def _lines(rows: Sequence[Row], known: Sequence[Row], title: str) -> list[str]:
-    """The table as lines; what is known stands below the parameters in the same columns."""
+    """The table as lines; what is known is below the parameters in the same columns."""
     remarks = any(row.remark for row in (*rows, *known))
     head = ["parameter", "value", "95 % interval", "unit", *([""] if remarks else [])]
 

@@ -38,8 +38,8 @@ def why_changed(fit: Fit) -> str:
     held = {name: math.sqrt(max(row[name], 0.0)) for name, row in fit.covariance.items() if name not in fit.parameters}
     own = {name.partition("[")[0] for name in fit.parameters}
     held |= dict.fromkeys(stated.keys() - held.keys() - own, 0.0)
-    told = sorted(name for name, one in held.items() if not is_same(stated.get(name, 0.0), one))
-    moved += [f"the stated uncertainty of {name}" for name in told]
+    changed_names = sorted(name for name, one in held.items() if not is_same(stated.get(name, 0.0), one))
+    moved += [f"the stated uncertainty of {name}" for name in changed_names]
     verb = "is no longer what it was" if len(moved) == 1 else "are no longer what they were"
     return f"{listed(moved)} {verb} when its fit was made" if moved else ""
 
@@ -69,7 +69,7 @@ def need_as_fitted(fit: Fit) -> None:
     """
     if why := why_changed(fit):
         raise InputError(
-            f"{why}: how sure it was says nothing of this actuator",
+            f"{why}: its uncertainty does not hold for this actuator",
             code="changed-since-fit",
             where="fit",
             repair="identify again with these values, or take the file as identify wrote it",

@@ -46,7 +46,7 @@ class FittedParameter:
         Whether the readings fix it to better than 42 % (one standard error), within its bounds.
     at_bound : bool
     interval_next_mounting : pair of float [SI] or None
-        95 % for its value at another clamping; None where runs of fewer than three mountings cannot tell.
+        95 % for its value at another clamping; None where runs of fewer than three mountings cannot determine it.
     prior : pair of float [SI] or None
         Value and standard uncertainty of what was known beforehand, where the fit used it.
     prior_of_literature : bool
@@ -96,7 +96,7 @@ class Fit(Shown):
     Parameters
     ----------
     actuator : Actuator
-        With the fitted values; a parameter that each run has for itself stands at the mean of them.
+        With the fitted values; a parameter that each run has for itself is at the mean of them.
     parameters : mapping of name to FittedParameter
     undetermined : tuple of Direction
         Empty when nothing is free to move.
@@ -125,7 +125,7 @@ class Fit(Shown):
     left_out : tuple of LeftOut
         Each run predicted by the others, where that was asked for.
     practical : Practical or None
-        How well the readings tell the parameters apart.
+        How well the readings separate the parameters.
     profiles : mapping of name to Profile
         Where ``profile`` followed them.
     procedure : mapping, optional

@@ -40,7 +40,7 @@ def check_fit_table(table: Mapping[str, Any], actuator: Actuator) -> None:
     ----------
     table : mapping
     actuator : Actuator
-        In whose file it stands; it tells the units.
+        In whose file it is; it gives the units.
 
     Raises
     ------
@@ -217,7 +217,7 @@ def _at(table: Mapping[str, Any], name: str, key: str) -> Any:
 
 
 def _each(table: Mapping[str, Any], name: str, key: str) -> list[tuple[str, Any]]:
-    """What stands in a list, each with its key."""
+    """What is in a list, each with its key."""
     found = _at(table, name, key)
     at = f"{key}.{name}" if name else key
     if isinstance(found, str) or not isinstance(found, Sequence):

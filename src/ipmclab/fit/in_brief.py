@@ -44,7 +44,7 @@ _CONTRADICTS: Final = {
 """Facts that contradict each other, in fewer words than their messages."""
 
 _BEYOND: Final = ("above-electrolysis", "leak-extrapolated", "near-resonance", "large-bending", "resonance-aliased")
-"""Where the voltage asks more of the model than it holds for."""
+"""Where the voltage needs more of the model than it holds for."""
 
 _UNSURE: Final = (
     "at-bound",
@@ -58,7 +58,7 @@ _UNSURE: Final = (
     "fixed-uncertainty",
 )
 _UNKNOWN: Final = 4
-"""The level of what is not known: nobody asks how to know more from a record that cannot be right."""
+"""The level of what is not known: nobody needs to know more from a record that cannot be right."""
 
 _ASIDE: Final = 8
 """The level of what did not enter the fit."""
@@ -72,9 +72,9 @@ _FOLLOWS: Final = {
     **dict.fromkeys(_CONTRADICTS, 6),
     "edge-reading-partial": 7,
 }
-"""How far down the chain of causes a finding stands, and how much it changes what to think of the numbers.
+"""How far down the chain of causes a finding is, and how much it changes what to think of the numbers.
 
-What a record shows stands before all of it, where it is no matter of a few rows that were left out.
+What a record shows comes before all of it, where it is no matter of a few rows that were left out.
 """
 
 IMPOSSIBLE: Final = {"current-rises": "current", "peak-above-series-resistance": "current", "two-states": "current"}
@@ -90,7 +90,7 @@ _LEAST: Final = 0.25
 """Part of a line that a clause fills at least: less says nothing."""
 
 _INDENT: Final = 9 * " "
-"""Below the severity, in front of a line that goes on."""
+"""Below the severity, in front of a line that continues."""
 
 _NO_BREAK: Final = "\u00a0"
 
@@ -130,7 +130,7 @@ class Brief:
 
 
 def in_lines(text: str, indent: str = "") -> str:
-    """A text in lines of at most 100 columns; a number stays beside its percent sign, and the name of a file whole."""
+    """A text in lines of at most 100 columns; a number stays with its percent sign, and the name of a file whole."""
     bound = text.replace(" %", f"{_NO_BREAK}%")
     lines = textwrap.fill(bound, WIDTH, subsequent_indent=indent, break_on_hyphens=False)
     return lines.replace(_NO_BREAK, " ")
@@ -171,8 +171,8 @@ def in_brief(
     ('error    no current flows for 192 rows: the contact was open', 1, 1)
     """
     grave = [one for one in consequences_silent(findings, outputs) if one.severity != "info"]
-    told = most_important_first(grave, outputs)
-    lines = [(_line(members, outputs, labels), len(members)) for members in _alike(told, labels)]
+    ordered = most_important_first(grave, outputs)
+    lines = [(_line(members, outputs, labels), len(members)) for members in _alike(ordered, labels)]
     fresh = [(line, count) for line, count in lines if str(line) not in said]
     known = sum(count for line, count in lines if str(line) in said)
     chosen = fresh[:most]
@@ -245,9 +245,9 @@ def consequences_silent(findings: Sequence[Finding], outputs: Collection[str] = 
 
 
 def _alike(findings: Sequence[Finding], labels: Sequence[str]) -> list[list[Finding]]:
-    """The findings that one line tells: what has one cure, and what several runs have alike.
+    """The findings that one line reports: what has one cure, and what several runs have alike.
 
-    Of one run, and of a fit as a whole, each finding is told by itself: only the first of a line is read.
+    Of one run, and of a fit as a whole, each finding is reported by itself: only the first of a line is read.
     """
     groups: dict[tuple[object, ...], list[Finding]] = {}
     seen: Counter[tuple[str, str | None, str]] = Counter()
@@ -305,7 +305,7 @@ def _plain(finding: Finding) -> str:
             start, stop = finding.samples[0]
             return f"no current flows from row {start} to row {stop - 1}, so the fit takes the voltage as 0 V there"
         case "current-rises" if "hidden" in values:
-            return "the current rises at constant voltage; the leak that grows of this model does not show"
+            return "the current rises at constant voltage; the growing leak of this model is not visible"
         case "current-rises":
             return "the current rises at constant voltage, which only a leak that grows (leak.slow) can follow"
         case "model-incomplete":
@@ -350,9 +350,9 @@ def _asked(names: Sequence[str], cure: str) -> str:
     """
     every = ", ".join(names[:-1]) + (" and " if names[:-1] else "") + "".join(names[-1:])
     first = f"{names[0]} and {len(names) - 1} more" if len(names) > 1 else every
-    for told, beside in ((every, len(cure) if len(names) > 2 else 0), (first, 0)):
-        if told and len(f"to determine {told}: ") + beside <= _ROOM:
-            return f"to determine {told}"
+    for clauses, room in ((every, len(cure) if len(names) > 2 else 0), (first, 0)):
+        if clauses and len(f"to determine {clauses}: ") + room <= _ROOM:
+            return f"to determine {clauses}"
     return f"to determine {len(names) or 'more'} parameter{'' if len(names) == 1 else 's'}"
 
 
@@ -364,7 +364,7 @@ def _cure(finding: Finding) -> str:
 def shortened(text: str, width: int) -> str:
     """A text: whole where it fits, else without its brackets, up to the last clause that fits.
 
-    A first clause that is longer stands whole.
+    A first clause that is longer is printed in full.
 
     Examples
     --------

@@ -29,7 +29,7 @@ class LeftOut(Tabled):
         thousand such runs at most.
     undetermined : tuple of str
         Parameters that the others alone do not determine. What the run has for itself, where fewer than three others
-        tell how far it may lie off, is among them: all scores are then of a prediction for which it was found on the
+        show how far it may lie off, is among them: all scores are then of a prediction for which it was found on the
         run itself.
     shifts : mapping of name to float
         By how much each shared parameter moves when the run is left out, in standard errors of that change.

@@ -9,8 +9,8 @@ from typing import Any, Final
 from ipmclab.tabled import Tabled
 
 NEXT_STRIP: Final = (
-    "what another strip of this make will do is not known from one: ipmclab compare tells it from fits, or runs, of "
-    "three strips or more"
+    "one strip does not show how another strip of this make behaves: ipmclab compare estimates that from fits, or "
+    "runs, of three strips or more"
 )
 """Said where the next mounting is unknown: a fit of one strip does not know the next strip, and this command does."""
 

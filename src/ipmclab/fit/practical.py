@@ -1,4 +1,4 @@
-"""How well readings tell parameters apart: the combinations that they know best and worst, and sets nearly one."""
+"""How well readings separate parameters: the combinations that they know best and worst, and sets nearly one."""
 
 from __future__ import annotations
 
@@ -35,15 +35,15 @@ class CollinearSet:
 
 @dataclass(frozen=True)
 class Practical(Tabled):
-    """How well readings tell the free parameters apart.
+    """How well readings separate the free parameters.
 
     Parameters
     ----------
     combinations : tuple of Combination
         Eigenvectors of the information, the best known first.
     collinearity : mapping of name to float
-        How many times larger the error of each parameter is than it were if all others were known; 1 where it stands
-        alone, infinite where the readings say nothing of it.
+        How many times larger the error of each parameter is than it were if all others were known; 1 where it is
+        uncorrelated, infinite where the readings say nothing of it.
     sets : tuple of CollinearSet
         Of each size from 2 on, the set with the largest index.
     """

@@ -1,4 +1,4 @@
-"""Which rows of a record were given to a fit, whatever file they were read from: told by marks of its readings.
+"""Which rows of a record were given to a fit, whatever file they were read from: identified by marks of its readings.
 
 The checksum of a run is that of all its rows: of a longer or a shorter cut of the same record it says nothing, and cuts
 made by other programs keep no clock. Readings have noise, so that 64 of them in a row happen once.
@@ -20,7 +20,7 @@ from ipmclab.tabled import Tabled
 _CHANNELS: Final = ("current", "displacement", "force")  # the first that moves is marked
 _TOGETHER: Final = 64  # consecutive readings of one mark
 _MARKS: Final = 64  # of a run, evenly spaced
-_LEVELS: Final = 3  # different readings of a mark, at least: what stands still looks alike in every record
+_LEVELS: Final = 3  # different readings of a mark, at least: what does not move looks alike in every record
 _FEWEST: Final = 2  # marks that have to be found again, at the same distance
 _ODD: Final = np.uint64(0x9E3779B97F4A7C15)  # of a multiplicative hash: 2^64 over the golden ratio
 

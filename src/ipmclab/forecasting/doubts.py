@@ -1,4 +1,4 @@
-"""What stands against a forecast: parameters that no run determined, old readings, a strip beyond its length."""
+"""What speaks against a forecast: parameters that no run determined, old readings, a strip beyond its length."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ from ipmclab.run import Finding
 FloatArray = npt.NDArray[np.float64]
 
 _OLD: Final = 0.1
-"""Share of the horizon beyond which the last usable reading is called old."""
+"""Share of the horizon beyond which the last usable reading is called old (convention)."""
 _FEW_ROWS: Final = 5  # rows that are never called old (convention)
 _TOO_OLD: Final = 10.0
-"""Seconds, or the horizon where that is longer, beyond which nothing is forecast any more."""
+"""Seconds, or the horizon where that is longer, beyond which nothing is forecast any more (a limit)."""
 _LISTED: Final = 6  # names that a sentence lists (convention)
 
 
 def left_open(model: Actuator | Fit | None, channel: str) -> tuple[str, ...]:
-    """The parameters of an actuator that its fit did not determine, of those that the channel hangs on.
+    """The parameters of an actuator that its fit did not determine, of those that the channel depends on.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ def undetermined_finding(names: Sequence[str], ratios: Sequence[str]) -> Finding
         "model-undetermined",
         "warning",
         f"the runs of the fit did not determine {len(names)} of its parameters: {'; '.join(lines)}",
-        "forecast with a fit of fewer parameters, and hold it against forecast(None, run, ...)",
+        "forecast with a fit of fewer parameters, and compare it with forecast(None, run, ...)",
         values={"undetermined": len(names)},
     )
 
@@ -146,7 +146,7 @@ def reach_finding(time: FloatArray, mean: FloatArray, free_length: float) -> Fin
 
 
 def table_without(table: dict[str, Any] | None, gone: Sequence[str]) -> dict[str, Any] | None:
-    """A ``[fit]`` table without some parameters: what it says of the others, of its runs and findings, stands."""
+    """A ``[fit]`` table without some parameters: what it says of the others, of its runs and findings, stays."""
     entries, rows = _entries(table), (table or {}).get("correlations")
     if table is None or not isinstance(rows, Sequence):
         return None

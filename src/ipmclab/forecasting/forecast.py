@@ -21,16 +21,16 @@ from ipmclab.run import Run
 __all__ = ["Forecast", "forecast", "with_slow_modes"]
 
 FEWEST_ORIGINS: Final = 10
-"""Past forecasts from which their misses are told (convention)."""
+"""Past forecasts from which their misses are known (convention)."""
 
 
 def with_slow_modes(
     actuator: Actuator, *, channel: str = "displacement", shortest: float = 0.4, longest: float = 60.0, modes: int = 9
 ) -> Actuator:
-    """The actuator with relaxation modes spread evenly over the logarithm of their time constants, all ratios 0.
+    """The actuator with relaxation modes distributed evenly over the logarithm of their time constants, all ratios 0.
 
-    For fits of long records, which cannot tell a few time constants: a spread of modes, each likely small, need not
-    choose. A forecast has a spread of its own and needs none.
+    For fits of long records, which cannot determine a few time constants: a spread of modes, each likely small, need
+    not choose. A forecast has a spread of its own and needs none.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ def with_slow_modes(
         parameter_values=values,
         standard_uncertainties={n: u for n, u in actuator.standard_uncertainties.items() if n in values},
         sample=actuator.sample,
-        # What the fit left open of the rest is told with the forecast.
+        # What the fit left open of the rest is reported with the forecast.
         fit_table=table_without(actuator.fit_table, [n for n in actuator.parameter_values if n.startswith(prefix)]),
     )
 
@@ -76,8 +76,8 @@ def forecast(
 
     Nothing that was read after the origin is used; the voltage after it is the plan, and where the run ends before
     the horizon it stays as it was. Several simple forecasts are weighed by how they missed earlier in the same record
-    (``forecasting.stacking`` has the mathematics): the last value stays, the last 5 s go on as a straight line, the
-    slow answer to the voltage goes on as it was learnt, and the actuator's response with it. What the plan changes is
+    (``forecasting.stacking`` has the mathematics): the last value stays, the last 5 s continue as a straight line, the
+    slow answer to the voltage continues as it was learnt, and the actuator's response with it. What the plan changes is
     added as the actuator answers it, or, without one, as the slow answer does.
 
     Parameters
@@ -143,7 +143,7 @@ def forecast(
         upper=mean + half,
         level=level,
         weights={"hold": 1.0 - float(weights.sum()), **dict(zip(forecasters, map(float, weights), strict=True))},
-        horizons_seen=pairs.seen,
+        horizons_observed=pairs.observed,
         findings=past.findings if beyond is None else (*past.findings, beyond),
     )
 

@@ -18,7 +18,8 @@ FloatArray = npt.NDArray[np.float64]
 CHANNELS: Final = ("displacement", "force")
 
 ONLY_HOLDS: Final = 0.9
-"""Weight of holding from which a forecast is one of the last value: the others then add less than their band."""
+"""Weight of holding from which a forecast is one of the last value: the others then add less than their band
+(convention)."""
 
 _WORDS: Final = {
     "hold": "the last value",
@@ -36,17 +37,17 @@ class Forecast(Shown):
     ----------
     channel : str
     origin : float [s]
-        The last time that was seen.
+        The last time that was observed.
     time : float array, shape (n_time,) [s]
     mean, lower, upper : float array, shape (n_time,) [SI]
         Expected reading, and the interval that holds it with probability ``level``.
     level : float
     weights : mapping of name to float
         Of each forecaster, ``hold`` among them; their sum is one.
-    horizons_seen : float
+    horizons_observed : float
         How many horizons of the record weights and band are judged by, older ones less.
     findings : tuple of Finding
-        Of the record up to the origin and of the model, where the forecast hangs on them.
+        Of the record up to the origin and of the model, where the forecast depends on them.
     """
 
     channel: str
@@ -57,7 +58,7 @@ class Forecast(Shown):
     upper: FloatArray
     level: float
     weights: Mapping[str, float]
-    horizons_seen: float
+    horizons_observed: float
     findings: tuple[Finding, ...] = ()
 
     @property

@@ -1,9 +1,10 @@
-"""What may go on by itself: a straight line, and the slow answer to the voltage, learnt from the record up to a step.
+"""What may continue by itself: a straight line, and the slow answer to the voltage, learnt from the record up to a
+step.
 
-A slow answer is a sum of first-order lags of the voltage, 1 to 100 s, spread evenly over the logarithm, and a drift.
-What else moves a strip is taken as a random walk, whose changes from one second to the next are independent. So the
-coefficients are found by least squares on those changes, each with a prior of 0 plus or minus the largest excursion so
-far (the drift: in 100 s). With an actuator, its response is taken off first and added again.
+A slow answer is a sum of first-order lags of the voltage, 1 to 100 s, distributed evenly over the logarithm, and a
+drift. What else moves a strip is taken as a random walk, whose changes from one second to the next are independent. So
+the coefficients are found by least squares on those changes, each with a prior of 0 plus or minus the largest
+excursion so far (the drift: in 100 s). With an actuator, its response is taken off first and added again.
 """
 
 from __future__ import annotations
@@ -24,20 +25,20 @@ IntArray = npt.NDArray[np.intp]
 TIME_CONSTANTS: Final = (1.0, 3.0, 10.0, 30.0, 100.0)
 """Half a decade apart, over which voltages act [s] (convention)."""
 
-DRIFT_TIME: Final = 100.0  # s in which a drift is thought to do what a lag does
+DRIFT_TIME: Final = 100.0  # s in which a drift is thought to do what a lag does (convention)
 LINE_SPAN: Final = 5.0  # s through which a line is drawn (convention)
-CHANGE: Final = 1.0  # s from one reading to the next of which a change is taken
+CHANGE: Final = 1.0  # s from one reading to the next of which a change is taken (convention)
 LEARNT: Final = 2.0 * CHANGE
-"""Seconds after the first reading before anything is forecast."""
+"""Seconds after the first reading before anything is forecast (derived)."""
 _PER_HORIZON: Final = 50  # past forecasts in a horizon: neighbours say the same (convention)
 HORIZONS: Final = 5.0 * MEMORY
-"""Horizons after which a miss is left out, five memories: it would count less than 1 %."""
+"""Horizons after which a miss is left out, five memories: it would count less than 1 % (derived)."""
 _TURNS: Final = 3  # of variance and coefficients, after which both stay (convention)
-_LEAST_PRIOR: Final = 1e-10  # of the largest: keeps a division finite
+_LEAST_PRIOR: Final = 1e-10  # of the largest: keeps a division finite (a limit)
 
 
 class Forecaster(Protocol):
-    """One way in which a reading may go on while the voltage stays."""
+    """One way in which a reading may continue while the voltage stays."""
 
     def change(self, origins: IntArray, later: int) -> FloatArray:
         """By how much readings change from some of the past origins, so many steps later [SI]."""
@@ -73,7 +74,7 @@ def judge(past: Past, origins: IntArray, forecasters: Sequence[Forecaster], hori
 
 
 class Line:
-    """The straight line through the last seconds goes on."""
+    """The straight line through the last seconds continues."""
 
     def __init__(self, past: Past, origins: IntArray) -> None:
         self.past, self.origins = past, origins
@@ -90,8 +91,10 @@ class Line:
         level = np.where(known, past.readings[np.maximum(rows, 0)] - past.filled[self.origins][:, None], 0.0)
         middle, mean = share @ time, np.sum(share * level, axis=1)
         away = time - middle[:, None]
-        spread = np.sum(share * away**2, axis=1)
-        slope = np.where(spread > 0.0, np.sum(share * away * level, axis=1) / np.where(spread > 0.0, spread, 1.0), 0.0)
+        variance = np.sum(share * away**2, axis=1)
+        slope = np.where(
+            variance > 0.0, np.sum(share * away * level, axis=1) / np.where(variance > 0.0, variance, 1.0), 0.0
+        )
         return mean - slope * middle, slope
 
     def change(self, origins: IntArray, later: int) -> FloatArray:
@@ -104,7 +107,7 @@ class Line:
 
 
 class SlowAnswer:
-    """The slow answer to the voltage goes on; with an actuator, beside its response.
+    """The slow answer to the voltage continues; with an actuator, in addition to its response.
 
     Parameters
     ----------

@@ -34,7 +34,7 @@ FloatArray = npt.NDArray[np.float64]
 
 STEP: Final = 0.2  # s between the readings that a forecast looks at (convention)
 SETTLE: Final = 2.0
-"""Seconds after the first edge that are left out: there a row of delay looks like a slow answer."""
+"""Seconds after the first edge that are left out: there a row of delay looks like a slow answer (convention)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +45,7 @@ class Past:
     ----------
     channel : str
     origin, edge : float [s]
-        Of the last row that was seen, and of the first voltage edge.
+        Of the last row that was observed, and of the first voltage edge.
     step : float [s]
     first, now : int
         Steps of the first reading that is used, after the edge, and of the last.
@@ -106,8 +106,8 @@ def read_past(
         actuator, open_ratios = without_open_ratios(actuator, channel, names_open)
         kept += [one for one in [undetermined_finding(names_open, open_ratios)] if one is not None]
     past = int(np.searchsorted(run.time, origin + 1e-9 * max(abs(origin), 1.0), side="right"))
-    seen = _until(run, past)
-    findings = check(seen)
+    observed = _until(run, past)
+    findings = check(observed)
     voltage = run.voltage.copy()
     followed: list[Finding] = []
     for finding in findings:
@@ -122,7 +122,7 @@ def read_past(
             kept.append(finding)
             followed.append(finding)  # the reading has moved when the forecast begins
     # What another finding says of the same rows still holds: a spike stays out.
-    used = usable(seen, [finding for finding in findings if finding not in followed])[channel]
+    used = usable(observed, [finding for finding in findings if finding not in followed])[channel]
     used = used & np.isfinite(values[:past])
     old = age_finding(run.time[:past], used, horizon, channel)
     kept += [] if old is None else [old]
@@ -198,7 +198,7 @@ def is_number(given: Any) -> bool:
 
 
 def _until(run: Run, past: int) -> Run:
-    """The run as it was at the origin: what came later must not tell what is wrong with it."""
+    """The run as it was at the origin: what came later must not show what is wrong with it."""
 
     def cut(values: FloatArray | None) -> FloatArray | None:
         return None if values is None else values[:past]

@@ -7,7 +7,7 @@ from which the lead has passed. A pair counts by
 .. math:: c(j, h) = \frac{\delta}{n_h H}\,e^{-a/(4H)}
 
 where :math:`\delta` is the time between past steps, :math:`n_h` the number of leads and :math:`a` the age of what came.
-The sum :math:`N` of all counts is then the number of horizons that have been seen, older ones less. The weights are
+The sum :math:`N` of all counts is then the number of horizons that have been observed, older ones less. The weights are
 
 .. math::
 
@@ -17,9 +17,9 @@ The sum :math:`N` of all counts is then the number of horizons that have been se
 What is missing to one is the weight of holding the last value, which says 0. The second sum (the angle is a mean by the
 counts) takes the time before the record as one in which each forecaster said what it usually says and the reading
 stayed: an endless one, that counts :math:`m = 4 e^{-T/(4H)}` horizons after a record of the length :math:`T`. So where
-little has been seen, the forecast stays near holding. The errors :math:`e = y - \sum w_k d_k` of the same pairs give
-the band: the quantile of :math:`|e|/h^{3/4}` at the level, with the counts as weights, is widened as Student's t is
-against the normal for :math:`N + 3` degrees of freedom, and grows as :math:`h^{3/4}`.
+little has been observed, the forecast stays near holding. The errors :math:`e = y - \sum w_k d_k` of the same pairs
+give the band: the quantile of :math:`|e|/h^{3/4}` at the level, with the counts as weights, is widened as Student's t
+is against the normal for :math:`N + 3` degrees of freedom, and grows as :math:`h^{3/4}`.
 """
 
 from __future__ import annotations
@@ -34,11 +34,11 @@ FloatArray = npt.NDArray[np.float64]
 
 LEADS: Final = 8  # parts of a horizon at which misses are looked at (convention)
 MEMORY: Final = 4.0
-"""Horizons after which a miss counts 1/e."""
+"""Horizons after which a miss counts 1/e (convention)."""
 GROWTH: Final = 0.75
-"""Power of the lead by which misses grow: 0.5 for a random walk, 1 for a wrong rate."""
+"""Power of the lead by which misses grow: 0.5 for a random walk, 1 for a wrong rate (convention between the two)."""
 BORROWED: Final = 3.0
-"""Degrees of freedom of the band where nothing has been seen. ``benchmarks.forecast`` tries other values of all."""
+"""Degrees of freedom of the band where nothing has been observed. ``benchmarks.forecast`` tries other values of all."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +49,7 @@ class Pairs:
     ----------
     lead : float array, shape (n_pairs,) [s]
     count : float array, shape (n_pairs,)
-        Their sum is the number of horizons seen.
+        Their sum is the number of horizons observed.
     said : float array, shape (n_pairs, n_forecasters) [SI]
     came : float array, shape (n_pairs,) [SI]
     before : float
@@ -63,8 +63,8 @@ class Pairs:
     before: float
 
     @property
-    def seen(self) -> float:
-        """How many horizons have been seen, older ones less."""
+    def observed(self) -> float:
+        """How many horizons have been observed, older ones less."""
         return float(self.count.sum())
 
 
@@ -111,8 +111,8 @@ def half_width(pairs: Pairs, weights: FloatArray, lead: FloatArray, level: float
 
     missed = np.abs(pairs.came - pairs.said @ weights) / pairs.lead**GROWTH
     order = np.argsort(missed)
-    share = np.cumsum(pairs.count[order]) / pairs.seen
+    share = np.cumsum(pairs.count[order]) / pairs.observed
     usual = missed[order][min(int(np.searchsorted(share, level)), len(order) - 1)]
     upper = 0.5 + 0.5 * level
-    wider = float(stdtrit(pairs.seen + BORROWED, upper) / ndtri(upper))
+    wider = float(stdtrit(pairs.observed + BORROWED, upper) / ndtri(upper))
     return np.asarray(usual * wider * lead**GROWTH)

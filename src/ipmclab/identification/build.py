@@ -109,9 +109,9 @@ def build_fit(
         unknown.name: [rival for rival in rivals if one.is_left_by(unknown, rival)]
         for unknown, one in zip(asked, alone, strict=True)
     }
-    apart = {name for name, others in elsewhere.items() if others}
-    told_twice = apart | {*beside}
-    nearer = [math.inf if u.name in told_twice else one.error for u, one in zip(asked, alone, strict=True)]
+    ambiguous = {name for name, others in elsewhere.items() if others}
+    reported_twice = ambiguous | {*beside}
+    nearer = [math.inf if u.name in reported_twice else one.error for u, one in zip(asked, alone, strict=True)]
     sharper = as_determined(found, relative, np.array(nearer))
     open_directions = directions(asked, values, found, sharper, problem.records, model, rivals, exact)
     beyond = {n for d in open_directions if math.isinf(d.error) for n, c in d.coefficients.items() if abs(c) > MOVED}
@@ -121,23 +121,23 @@ def build_fit(
         error = math.inf if unknown.name in beyond else float(relative[number])
         nearer_error = math.inf if unknown.name in beyond else nearer[number]
         value = float(values[number])
-        # Along an open direction a linear unknown stands at the file's value, which may be its bound.
+        # Along an open direction a linear unknown is at the file's value, which may be its bound.
         at_bound = (unknown.log or math.isfinite(error)) and is_at_bound(unknown, float(solution.theta[place]))
         others = [(r.entries[unknown.name], r.reach[unknown.name]) for r in elsewhere[unknown.name]]
         is_open = unknown.name in beyond and not at_bound
         first = open_ends(unknown) if is_open else (alone[number].low, alone[number].high)
         interval, agree = with_rivals(unknown, float(solution.theta[place]), first, others)
         variance = float(found.covariance[number, number])
-        wider = half_width(unknown, interval) / NORMAL_95 if unknown.name in apart else 0.0
+        wider = half_width(unknown, interval) / NORMAL_95 if unknown.name in ambiguous else 0.0
         if unknown.log and wider**2 > variance:
             variance = max(variance, wider**2)
             error = max(error, wider)
         if unknown.name in beside:
-            middle, spread = beside[unknown.name]
-            reach = NORMAL_95 * spread
+            middle, deviation = beside[unknown.name]
+            reach = NORMAL_95 * deviation
             ends = beside_bounds(unknown, middle - reach, middle + reach)
             interval = min(interval[0], ends[0]), max(interval[1], ends[1])
-            variance = max(variance, spread**2, (middle - float(solution.theta[place])) ** 2)
+            variance = max(variance, deviation**2, (middle - float(solution.theta[place])) ** 2)
             size = 1.0 if unknown.log else max(abs(value) / unknown.scale, 1.0)
             error = max(error, math.sqrt(variance) / size)
         fitted[name] = FittedParameter(
@@ -234,14 +234,14 @@ def _points(
 def _beside_unseen(points: Sequence[Point]) -> dict[str, tuple[float, float]]:
     """Entry and standard error that each unknown has while the unseen stages may still be there.
 
-    That a stage does not show is no proof that it is not there: what trades against it is known no better than beside
+    That a stage does not show is no proof that it is not there: what trades against it is known no better than with
     it.
     """
     beside: dict[str, tuple[float, float]] = {}
     for point in points[1:]:
-        spread = np.sqrt(np.maximum(point.found.covariance.diagonal(), 0.0))
+        deviation = np.sqrt(np.maximum(point.found.covariance.diagonal(), 0.0))
         for number, (place, unknown) in enumerate(point.problem.asked):
-            beside[unknown.name] = float(point.theta[place]), float(spread[number])
+            beside[unknown.name] = float(point.theta[place]), float(deviation[number])
     return beside
 
 

@@ -97,7 +97,7 @@ def estimate(actuator: Actuator, names: FreeParameters, records: Sequence[Prepar
     findings += [found for record in problem.records for found in contradicted_currents(problem, solution, record)]
     findings += unshown_zeros(problem, solution)
     if under.shapes:
-        # Under their noise the readings tell fewer minima apart: all of them are asked again.
+        # Under their noise the readings distinguish fewer minima: all of them are asked again.
         if under.is_weighted:
             rivals = minima.rivals  # the valley is walked again
             if not has_doublet(problem.values(solution.theta, problem.records[0].place)):
@@ -141,7 +141,7 @@ def _least_squares(
 def _at_rest_after_all(under: Correlated, places: Set[int]) -> dict[int, list[int]]:
     """Runs whose start differs from rest by no more than their noise does, and the entries of their start.
 
-    White noise is what the first fit takes for granted. Under autocorrelated noise it contradicts rest far more often
+    White noise is what the first fit assumes. Under autocorrelated noise it contradicts rest far more often
     than its tests say.
     """
     if not under.shapes:
@@ -167,7 +167,7 @@ def _noisy(
 
 
 def _least(problem: Problem, near: Solution, ends: Sequence[Rival]) -> tuple[Problem, Solution]:
-    """Least squares beside zeros and slopes: without them the lowest minimum may be one that follows the drift."""
+    """Least squares with zeros and slopes: without them the lowest minimum may be one that follows the drift."""
     return weigh(*_from_everywhere(problem, near, ends))
 
 

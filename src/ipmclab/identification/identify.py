@@ -42,7 +42,7 @@ from ipmclab.model.given import need_actuator, need_each_once, need_run
 from ipmclab.model.stages.circuit import SERIES
 from ipmclab.model.stages.leak import SLOW_TIME
 from ipmclab.one_thread import on_one_thread
-from ipmclab.progress import Tell, part, stage, telling
+from ipmclab.progress import OnProgress, part, reporting_to, stage
 from ipmclab.quality.check import check_record
 from ipmclab.quality.record import Record as Checked
 from ipmclab.quality.usable import noise_only
@@ -59,7 +59,7 @@ def identify(
     per_mounting: str | Iterable[str] = (),
     prior: str | Iterable[str] = (),
     labels: Sequence[str] | None = None,
-    progress: Tell | None = None,
+    progress: OnProgress | None = None,
 ) -> Fit:
     """Identify parameters of an actuator from one or more runs at once.
 
@@ -118,7 +118,7 @@ def identify(
     names = parse_free(actuator.parameter_values, free, per_run, per_mounting)
     _need_mountings(given, names)
     _refuse_counts(actuator, names)
-    with telling(progress):
+    with reporting_to(progress):
         return identify_freed(actuator, given, with_priors(actuator, names, prior), named)
 
 
@@ -152,7 +152,7 @@ def identify_freed(
     with part("each mounting", 0.0, 0.5):
         each = each_mounting(given, of_these)
     with part("all mountings", 0.5, 1.0):
-        # Where mountings differ, what one value for all leaves asks for no stage.
+        # Where mountings differ, what one value for all leaves needs no stage.
         fit = of_these(every, asked=not differ(each, actuator))
     return with_cross_checks(with_mountings(fit, each) if each else fit, given)
 

@@ -14,7 +14,7 @@ GrowingLeak = Literal["none", "hidden", "shown"]
 NOISE: Final = "nothing but noise"
 _RISES: Final = "current-rises"
 
-_ALWAYS_TOLD: Final = frozenset({"sampling-period-unknown", _RISES})
+_ALWAYS_REPORTED: Final = frozenset({"sampling-period-unknown", _RISES})
 """Findings of a record that are no errors, but on which numbers of the fit hang."""
 
 
@@ -41,7 +41,7 @@ def findings_of_records(
             finding.severity == "error"
             or (finding.channel == "voltage" and finding.samples)  # it drives the model
             or (
-                (finding.effect != "none" or finding.code in _ALWAYS_TOLD)
+                (finding.effect != "none" or finding.code in _ALWAYS_REPORTED)
                 and (finding.channel is None or finding.channel in record.readings)
             )
         )
@@ -53,8 +53,8 @@ def _in_fit(finding: Finding, label: str, growing_leak: GrowingLeak) -> Finding:
     if finding.code == _RISES and growing_leak == "hidden":
         return replace(
             finding,
-            message=f"{label}: {finding.message}; the leak that grows, which this model has, does not show beside what "
-            "else it leaves",
+            message=f"{label}: {finding.message}; the growing leak of this model is not visible in the other residuals "
+            "of the fit",
             repair="record longer at this voltage, or identify from the part before the rise",
             values={**finding.values, "hidden": 1.0},
         )

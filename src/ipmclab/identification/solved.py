@@ -21,9 +21,9 @@ class Estimate:
     """The solved problem, and what was found out about the runs on the way.
 
     ``parameters`` are those of the actuator that was given. ``rivals`` are other fits that the
-    readings do not tell from the solution. ``unseen`` are stages that were taken out of the problem;
+    readings do not distinguish from the solution. ``unseen`` are stages that were taken out of the problem;
     ``beside`` is the fit that still had them, where there are any. ``white`` is the same point in the problem without
-    zeros and slopes of sensors beside it, or the point under the noise where that is as good.
+    zeros and slopes of sensors in addition, or the point under the noise where that is as good.
     """
 
     parameters: Mapping[str, Parameter]

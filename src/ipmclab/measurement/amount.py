@@ -66,12 +66,12 @@ def shown(value: float, digits: int = 3) -> str:
     return significant(value, digits)
 
 
-def apart(one: Amount, other: Amount) -> float:
+def sigmas_between(one: Amount, other: Amount) -> float:
     """Difference of two amounts in combined standard uncertainties; 0 where nothing is known of one of them.
 
     Examples
     --------
-    >>> round(apart(Amount(1.0, 0.3, "V"), Amount(3.0, 0.4, "V")), 3)
+    >>> round(sigmas_between(Amount(1.0, 0.3, "V"), Amount(3.0, 0.4, "V")), 3)
     4.0
     """
     difference, scale = abs(one.value - other.value), math.hypot(one.uncertainty, other.uncertainty)
@@ -83,8 +83,8 @@ def apart(one: Amount, other: Amount) -> float:
 def beyond(one: Amount, low: Amount, high: Amount) -> float:
     """How far an amount lies outside a range, in combined standard uncertainties; 0 inside it."""
     if one.value < low.value:
-        return apart(one, low)
-    return apart(one, high) if one.value > high.value else 0.0
+        return sigmas_between(one, low)
+    return sigmas_between(one, high) if one.value > high.value else 0.0
 
 
 def how_sure(sigmas: float) -> str:
@@ -93,12 +93,12 @@ def how_sure(sigmas: float) -> str:
     Examples
     --------
     >>> how_sure(5.23)
-    'they are 5.2 combined standard uncertainties apart'
+    'they differ by 5.2 combined standard uncertainties'
     """
     return (
         "no uncertainty is stated and they differ"
         if math.isinf(sigmas)
-        else f"they are {shown(sigmas, 2)} combined standard uncertainties apart"
+        else f"they differ by {shown(sigmas, 2)} combined standard uncertainties"
     )
 
 

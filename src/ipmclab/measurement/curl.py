@@ -25,7 +25,8 @@ NO_VOLTAGE: Final = 0.02
 """Up to which [V] a strip counts as without voltage."""
 
 _NOISE_SHAPES: Final = 2
-"""How many shapes of each stretch, the next slower ones beside the straight line, tell what the noise does to it."""
+"""How many shapes of each stretch, the next slower ones in addition to the straight line, show what the noise does to
+it."""
 
 _FEWEST: Final = 40  # readings in one test
 _ERROR: Final = 0.05  # of an interval of 95 %
@@ -60,7 +61,7 @@ class Curl:
 
     @property
     def verdict(self) -> Verdict:
-        """``"yes"``: tests are possible here; ``"no"``: they are not; ``"open"``: this record does not tell."""
+        """``"yes"``: tests are possible here; ``"no"``: they are not; ``"open"``: this record does not show."""
         if self.interval[1] * self.test <= self.allowed:
             return "yes"
         return "no" if self.interval[0] * self.test > self.allowed else "open"

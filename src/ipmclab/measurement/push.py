@@ -20,7 +20,7 @@ from ipmclab.measurement.push_lines import (
     squares,
     ways_of,
 )
-from ipmclab.measurement.push_slips import apart_in
+from ipmclab.measurement.push_slips import outlier_in
 from ipmclab.measurement.uncertain import REPEATS, Uncertain
 from ipmclab.measurement.written import Written
 from ipmclab.run import Finding
@@ -50,7 +50,7 @@ class Push:
     calibration : float
         Relative standard uncertainty of the scales of force and displacement together.
     written : pair of Written, optional
-        What stands in a file for displacement and force.
+        What is in a file for displacement and force.
     assumed : bool
         Whether nobody stated ``calibration``.
     """
@@ -65,8 +65,8 @@ class Push:
         """The file and key of a reading far from the line through the others, and what is to be said of it."""
         if self.written is None or not (np.all(np.isfinite(self.displacement)) and np.all(np.isfinite(self.force))):
             return None
-        apart = apart_in(self.displacement, self.force)
-        return None if apart is None else apart.slip(*self.written)
+        outlier = outlier_in(self.displacement, self.force)
+        return None if outlier is None else outlier.slip(*self.written)
 
 
 def stiffness(push: Push) -> tuple[Uncertain, tuple[Finding, ...]]:

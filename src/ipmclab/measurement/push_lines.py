@@ -20,7 +20,7 @@ _CORNERS: Final = np.linspace(0.04, 0.8, 20)  # of the travel, at which contact 
 def is_negative(x: FloatArray, f: FloatArray) -> bool:
     """Whether a push goes towards negative, so that contact is sought on the far side of its travel.
 
-    Where the displacement is not counted from rest, such as the distance of a laser, its sign tells nothing.
+    Where the displacement is not counted from rest, such as the distance of a laser, its sign shows nothing.
     """
     from_rest = float(np.min(np.abs(x))) <= 0.5 * float(np.ptp(x))
     return -float(np.min(f)) > float(np.max(f)) and (not from_rest or -float(np.min(x)) > float(np.max(x)))

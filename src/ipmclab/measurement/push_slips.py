@@ -21,8 +21,8 @@ _CHANCE: Final = 1e-3  # that one of the readings lies as far away by its scatte
 
 
 @dataclass(frozen=True)
-class Apart:
-    """A reading of a push that lies apart.
+class Outlier:
+    """A reading of a push that lies far from the others.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ class Apart:
     in_displacement: bool
 
     def slip(self, displacement: Written, force: Written) -> tuple[str, str]:
-        """The file and key of the reading, and what is to be said of it, from what stands there."""
+        """The file and key of the reading, and what is to be said of it, from what is there."""
         where = f"{(displacement if self.in_displacement else force).where}[{self.place}]"
         text = (
             f'"{force.texts[self.place]}" at "{displacement.texts[self.place]}", number {self.place + 1} of '
@@ -48,7 +48,7 @@ class Apart:
         return where, text
 
 
-def apart_in(displacement: FloatArray, force: FloatArray) -> Apart | None:
+def outlier_in(displacement: FloatArray, force: FloatArray) -> Outlier | None:
     """The reading without which all others lie on a line (flat before contact), while it is far from that; or None.
 
     Parameters
@@ -60,21 +60,21 @@ def apart_in(displacement: FloatArray, force: FloatArray) -> Apart | None:
     Examples
     --------
     >>> travel = np.array([0.0, 1.0, 2.0, 3.0, 2.0, 1.0, 0.0])
-    >>> apart_in(1e-4 * travel, 1e-4 * np.array([0.0, 3.0, 6.1, 9.0, 60.0, 3.1, 0.0])).place
+    >>> outlier_in(1e-4 * travel, 1e-4 * np.array([0.0, 3.0, 6.1, 9.0, 60.0, 3.1, 0.0])).place
     4
     """
     if not _FEWEST <= len(force) <= _MOST:
         return None
-    found: list[tuple[float, Apart]] = []
+    found: list[tuple[float, Outlier]] = []
     for place in range(len(force)):
         others = np.arange(len(force)) != place
-        told = _away(displacement[others], force[others], float(displacement[place]), float(force[place]))
-        if told is None or told[0] * len(force) > _CHANCE:
+        chance_away = _away(displacement[others], force[others], float(displacement[place]), float(force[place]))
+        if chance_away is None or chance_away[0] * len(force) > _CHANCE:
             continue
-        chance, expected = told
+        chance, expected = chance_away
         x = displacement[others]
         beyond = _outside(x, float(displacement[place])) > max(1.0, _outside(force[others], float(force[place])))
-        found.append((chance, Apart(place, expected, beyond)))
+        found.append((chance, Outlier(place, expected, beyond)))
     return min(found, key=lambda one: one[0])[1] if found else None
 
 

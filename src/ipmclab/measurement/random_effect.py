@@ -12,7 +12,7 @@ from ipmclab.confidence import NORMAL_95
 from ipmclab.run import FloatArray
 
 FEWEST: Final = 3
-"""Members from which a next one is told: two show no spread that could be relied on."""
+"""Members from which a next one is predicted: two show no standard deviation that could be relied on."""
 
 _NODES: Final = 600
 _BELOW, _ABOVE = 80.0, 28.0  # about the logarithm of what the estimates show: where the variance between is looked for
@@ -119,9 +119,9 @@ def _next_one(
         return np.asarray(chdtrc(len(y) - 1, _squares(y, within, edges)[2]))
 
     coarse = np.exp(np.linspace(*ends, _NODES))
-    told = below(coarse)
-    first = min(max(int(np.searchsorted(told, told[0] + _NEGLIGIBLE)) - 1, 0), _NODES - 2)
-    last = max(min(int(np.searchsorted(told, 1.0 - _NEGLIGIBLE)), _NODES - 1), first + 1)
+    log_below = below(coarse)
+    first = min(max(int(np.searchsorted(log_below, log_below[0] + _NEGLIGIBLE)) - 1, 0), _NODES - 2)
+    last = max(min(int(np.searchsorted(log_below, 1.0 - _NEGLIGIBLE)), _NODES - 1), first + 1)
     edges = np.geomspace(coarse[first], coarse[last], _NODES)
     # What lies below the first edge is as good as none.
     nodes = np.concatenate([coarse[:1], np.sqrt(edges[:-1]) * np.sqrt(edges[1:]), edges[-1:]])

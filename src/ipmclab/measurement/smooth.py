@@ -54,7 +54,7 @@ def smooth(run: Run, below: float) -> tuple[Run, Mapping[str, TakenOut]]:
     """A copy of a run without what is fast in its displacement and force.
 
     Each reading becomes the height of a straight line, laid through its neighbours with the weights of a bell. That
-    shifts nothing in time, leaves every straight line as it is (at the ends and beside a gap too), halves the power at
+    shifts nothing in time, leaves every straight line as it is (at the ends and next to a gap too), halves the power at
     the frequency ``below`` and has no overshoot; a kink is rounded within a third of its period. Readings that a
     check leaves out, and bounds, are not used and stay as they are, and so do current and voltage.
 
@@ -178,7 +178,7 @@ def _local_lines(readings: FloatArray, step: float, width: float) -> FloatArray:
     spread = weights[0] * weights[2] - weights[1] ** 2
     with np.errstate(divide="ignore", invalid="ignore"):
         line = (weights[2] * moments[0] - weights[1] * moments[1]) / spread
-    # A reading that stands alone between gaps stays as it is.
+    # A reading that is alone between gaps stays as it is.
     alone = spread <= 1e-6 * np.maximum(weights[0], 1.0) ** 2
     return middle + np.where(alone, heights, line)
 

@@ -20,7 +20,8 @@ from ipmclab.ties import names_by_size
 FloatArray = npt.NDArray[np.float64]
 
 REPEATS: Final = 0.03
-"""Relative standard uncertainty that a number of a run has beside its noise: gains, and where exactly it was read."""
+"""Relative standard uncertainty that a number of a run has in addition to its noise: gains, and where exactly it was
+read."""
 
 _STEP: Final = 1e-5  # of a value, over which a derivative is taken
 _MOST_PLACES: Final = 6  # after the decimal point
@@ -41,7 +42,7 @@ class Uncertain:
     assumed : frozenset of str
         Sources of which nobody stated the uncertainty.
     written : mapping of source to Written
-        What stands in a file for the numbers that it was made of.
+        What is in a file for the numbers that it was made of.
 
     Examples
     --------
@@ -124,7 +125,7 @@ def derived(function: Callable[..., float], *inputs: Uncertain) -> Uncertain:
         for source, part in one.parts.items():
             parts[source] = parts.get(source, 0.0) + slope * part
     assumed = frozenset[str]().union(*(one.assumed for one in inputs))
-    written = {source: told for one in inputs for source, told in one.written.items()}
+    written = {source: readings for one in inputs for source, readings in one.written.items()}
     return Uncertain(function(*values), parts, assumed, written)
 
 

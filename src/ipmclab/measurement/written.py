@@ -1,4 +1,4 @@
-"""What stands in a file for a measured number, so that a message can show it as it was written."""
+"""What is in a file for a measured number, so that a message can show it as it was written."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from typing import Final
 
 import numpy as np
 
-_FEWEST: Final = 3  # readings of which one can lie apart from the others
-_TIMES: Final = 5.0  # the range of the others, by which a reading lies apart
+_FEWEST: Final = 3  # readings of which one can lie far from the others
+_TIMES: Final = 5.0  # the range of the others, by which a reading lies far from the others
 _SLIP: Final = 0.1  # of the others: a digit or a unit that is wrong moves a reading by at least as much
 _LISTED: Final = 5
 
@@ -48,12 +48,12 @@ class Written:
         return f"{len(self.texts)} readings from {self._range(range(len(self.texts)))}"
 
     @property
-    def apart(self) -> int | None:
+    def outlier(self) -> int | None:
         """Place of the one reading that lies so far from all others that it is a slip; None where there is none.
 
         Examples
         --------
-        >>> Written("width", ("5.01 mm", "50.0 mm", "4.99 mm"), (5.01e-3, 50e-3, 4.99e-3)).apart
+        >>> Written("width", ("5.01 mm", "50.0 mm", "4.99 mm"), (5.01e-3, 50e-3, 4.99e-3)).outlier
         1
         """
         if len(self.values) < _FEWEST:
@@ -67,12 +67,13 @@ class Written:
         return None
 
     def slip(self) -> tuple[str, str] | None:
-        """The file and key of a reading that lies apart, and what is to be said of it; None where there is none."""
-        place = self.apart
+        """The file and key of a reading that lies far from the others, and what is to be said of it; None where there
+        is none."""
+        place = self.outlier
         if place is None:
             return None
         others = self._range(k for k in range(len(self.texts)) if k != place)
-        text = f'"{self.texts[place]}", number {place + 1} of {len(self.texts)}, lies apart from the others ({others})'
+        text = f'"{self.texts[place]}", number {place + 1} of {len(self.texts)}, lies far from the others ({others})'
         return f"{self.where}[{place}]", text
 
     def _range(self, places: Iterable[int]) -> str:

@@ -42,7 +42,7 @@ _MOST_KEPT: Final = 32
 
 @dataclass(frozen=True, eq=False)
 class Actuator(Shown):
-    """The model of a sample: its dimensions and its stages; which stages it has, its parameters tell.
+    """The model of a sample: its dimensions and its stages; which stages it has, its parameters show.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ class Actuator(Shown):
     sample : Sample, optional
         What the strip is made of.
     fit_table : mapping, optional
-        The ``[fit]`` table of a fitted actuator's file, as it stands there.
+        The ``[fit]`` table of a fitted actuator's file, as it is there.
     environment_laws : tuple of EnvironmentLaw
         How parameters follow the environment by functions of your own, for ``at``. A file does not hold them; the laws
         of the literature are parameters (``environment.laws``).
@@ -157,7 +157,7 @@ class Actuator(Shown):
         }
 
     def replace(self, **changes: float) -> Actuator:
-        """A copy with some parameters changed; it is no longer the fit that ``fit_table`` tells of.
+        """A copy with some parameters changed; it is no longer the fit that ``fit_table`` describes.
 
         A changed parameter loses its stated uncertainty, which belonged to the old value.
 
@@ -236,7 +236,7 @@ class Actuator(Shown):
         if humidity is None:
             if not self.structure.hydration:
                 raise InputError(
-                    "a law of your own asks for the humidity, and this state says nothing of it",
+                    "a law of your own needs the humidity, and this state does not state it",
                     code="bad-environment",
                     where="relative_humidity",
                     repair="give the state its relative_humidity, or the actuator a table [hydration]",

@@ -110,7 +110,7 @@ def stages_after(name: str) -> tuple[str, list[str]]:
 
 
 def _refuse_a_run(path: Path) -> None:
-    """Refuse a run, which stands here when arguments are in the wrong order."""
+    """Refuse a run, which is here when arguments are in the wrong order."""
     try:
         with path.open("rb") as stream:
             is_run = stream.read(len(_RUN_SIGNATURE)) == _RUN_SIGNATURE
@@ -208,7 +208,7 @@ def _read_parameters(tables: Mapping[str, Any], where: str) -> tuple[dict[str, f
 
 
 def _flatten(value: Any, prefix: str) -> Iterator[tuple[str, Any]]:
-    """Dotted names and what stands there; a table that holds a value is one entry, not a table of entries."""
+    """Dotted names and what is there; a table that holds a value is one entry, not a table of entries."""
     if isinstance(value, list) and all(isinstance(entry, dict) for entry in value):
         entries: Any = enumerate(value)
     elif isinstance(value, dict) and (not prefix or not set(value) & set(_UNCERTAIN_KEYS)):

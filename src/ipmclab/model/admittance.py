@@ -1,4 +1,4 @@
-"""The circuit as poles and residues, and back: what a current can tell about its elements.
+"""The circuit as poles and residues, and back: what a current can show of its elements.
 
 Seen from its terminals, a series resistance before a leak and RC branches in parallel is
 Y(s) = D + sum_j r_j/(s - lambda_j): with two branches five numbers, whatever the six elements are.
@@ -88,8 +88,8 @@ def _of(elements: Elements) -> tuple[FloatArray, FloatArray, FloatArray]:
 
 def capacitor_voltages(elements: Elements, amplitudes: FloatArray) -> FloatArray:
     """Voltages of the capacitors [V] that add to the current one decay of each mode with this amplitude [A]."""
-    _, vectors, seen = _of(elements)
-    voltages: FloatArray = vectors @ (-amplitudes / seen) / np.sqrt(elements.capacitances)
+    _, vectors, admittance = _of(elements)
+    voltages: FloatArray = vectors @ (-amplitudes / admittance) / np.sqrt(elements.capacitances)
     return voltages
 
 
@@ -106,7 +106,7 @@ def admittance(elements: Elements) -> tuple[Admittance, FloatArray]:
         Of direct, residues and poles (rows) with respect to the series resistance [1/ohm] and to
         the logarithms of leak, resistances and capacitances (columns).
     """
-    poles, vectors, seen = _of(elements)
+    poles, vectors, admittance = _of(elements)
     residues = np.empty(len(poles))
     derivatives = np.empty((1 + 2 * len(poles), 2 + 2 * len(poles)))
     direct = admittance_slopes(
@@ -116,7 +116,7 @@ def admittance(elements: Elements) -> tuple[Admittance, FloatArray]:
         elements.capacitances,
         poles,
         vectors,
-        seen,
+        admittance,
         residues,
         derivatives,
     )
@@ -140,15 +140,17 @@ def admittances(series: FloatArray, leak: FloatArray, resistances: FloatArray, c
     series, leak : float array, shape (n_circuit,) [ohm]
     resistances, capacitances : float array, shape (n_circuit, n_branch) [ohm, F]
     """
-    poles, vectors, seen = _modes(series, leak, resistances, capacitances)
+    poles, vectors, admittance = _modes(series, leak, resistances, capacitances)
     circuits, branches = poles.shape
     direct, residues = np.empty(circuits), np.empty((circuits, branches))
     derivatives = np.empty((circuits, 1 + 2 * branches, 2 + 2 * branches))
-    admittances_slopes(series, leak, resistances, capacitances, poles, vectors, seen, direct, residues, derivatives)
+    admittances_slopes(
+        series, leak, resistances, capacitances, poles, vectors, admittance, direct, residues, derivatives
+    )
     return Admittances(direct, residues, poles, derivatives)
 
 
-def elements(series: float, seen: Admittance) -> Elements:
+def elements(series: float, admittance: Admittance) -> Elements:
     """The elements that show an admittance behind a given series resistance.
 
     Behind the series resistance lies G = Y/(1 - series Y), whose partial fractions are the leak
@@ -158,25 +160,25 @@ def elements(series: float, seen: Admittance) -> Elements:
     Parameters
     ----------
     series : float [ohm]
-    seen : Admittance
+    admittance : Admittance
     """
     with np.errstate(divide="ignore", invalid="ignore"):
-        remaining = 1.0 - series * seen.direct
-        system = np.diag(seen.poles) + (seen.residues * (series / remaining))[:, None]
+        remaining = 1.0 - series * admittance.direct
+        system = np.diag(admittance.poles) + (admittance.residues * (series / remaining))[:, None]
         if not np.isfinite(system).all():
-            nothing = np.full(len(seen.poles), np.nan)
+            nothing = np.full(len(admittance.poles), np.nan)
             return Elements(series, np.nan, nothing, nothing)
         rates = np.linalg.eigvals(system)
         if np.iscomplexobj(rates) and (rates.imag != 0).any():
-            nothing = np.full(len(seen.poles), np.nan)
+            nothing = np.full(len(admittance.poles), np.nan)
             return Elements(series, np.nan, nothing, nothing)
         rates = np.sort(rates.real)
         if series > 0:
-            inverse = rates[:, None] - seen.poles
-            residues = 1.0 / (series * series * np.sum(seen.residues / (inverse * inverse), axis=1))
+            inverse = rates[:, None] - admittance.poles
+            residues = 1.0 / (series * series * np.sum(admittance.residues / (inverse * inverse), axis=1))
         else:
-            residues = seen.residues[np.argsort(seen.poles)]
+            residues = admittance.residues[np.argsort(admittance.poles)]
         resistances = rates / residues
         capacitances = -1.0 / (rates * resistances)
-        leak = 1.0 / (seen.direct / remaining - np.sum(1.0 / resistances))
+        leak = 1.0 / (admittance.direct / remaining - np.sum(1.0 / resistances))
     return Elements(series, float(leak), resistances, capacitances)

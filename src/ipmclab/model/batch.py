@@ -19,7 +19,7 @@ from ipmclab.run import Hold
 
 FloatArray = npt.NDArray[np.float64]
 Signals = Any
-"""A signal, its text or an array, or one of them for each set: a type checker cannot tell these lists apart."""
+"""A signal, its text or an array, or one of them for each set: a type checker cannot distinguish these lists."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -99,7 +99,7 @@ def _matrix(rows: Sequence[Sequence[Any]], height: int, width: int) -> Matrix:
     entries = [entry for row in rows for entry in row]
     try:
         flat = np.array(entries)
-    except ValueError:  # numbers beside arrays
+    except ValueError:  # numbers with arrays
         flat = np.empty((0, 0))
     if flat.ndim == 1:
         return flat.reshape(height, width)

@@ -1,7 +1,7 @@
-"""What outputs read while the environment changes: parameters that drift, and a state that goes on.
+"""What outputs read while the environment changes: parameters that drift, and a state that continues.
 
-Parameters are constant in pieces, and renewed long before any has moved by 0.2 %: half of that would be seen in a
-reading. What goes on where they are renewed is the charge of each capacitor, not its voltage.
+Parameters are constant in pieces, and renewed long before any has moved by 0.2 %: half of that would be visible in a
+reading. What continues where they are renewed is the charge of each capacitor, not its voltage.
 """
 
 from __future__ import annotations

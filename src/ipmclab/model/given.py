@@ -1,4 +1,4 @@
-"""What was given in place of an actuator or a run, told by name."""
+"""What was given in place of an actuator or a run, reported by name."""
 
 from __future__ import annotations
 
@@ -90,8 +90,8 @@ def _other(given: Any, wanted: str, reader: str, otherwise: str, where: str) -> 
     kind = type(given).__name__
     if isinstance(given, (str, PathLike)):
         path = str(fspath(given))
-        told, repair = f"{path!r} is a {kind}, not {wanted}", f"give {reader}({path!r})"
+        message, repair = f"{path!r} is a {kind}, not {wanted}", f"give {reader}({path!r})"
     else:
         article = "an" if kind[0] in "aeiouAEIOU" else "a"
-        told, repair = f"this is {article} {kind}, not {wanted}", f"give {otherwise}"
-    return InputError(told, code=f"not-{wanted.replace(' ', '-')}", where=where, repair=repair)
+        message, repair = f"this is {article} {kind}, not {wanted}", f"give {otherwise}"
+    return InputError(message, code=f"not-{wanted.replace(' ', '-')}", where=where, repair=repair)

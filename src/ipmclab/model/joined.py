@@ -24,7 +24,7 @@ FloatArray = npt.NDArray[np.float64]
 IndexArray = npt.NDArray[np.int64]
 
 _COMPLEX_STEP: Final = 1e-100
-"""So small that its square vanishes beside any number here: Im f(p + ih)/h is then f'(p) to the last digit."""
+"""So small that its square vanishes compared with any number here: Im f(p + ih)/h is then f'(p) to the last digit."""
 
 
 class Numbers(NamedTuple):

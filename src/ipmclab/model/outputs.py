@@ -69,7 +69,7 @@ def simulate_outputs(
         An unknown output or state, a hold that says nothing, time that does not increase, unequal
         lengths, a voltage that is not finite.
 
-    Where a laser has lost the strip, its reading goes on in a straight line here, for a search to follow;
+    Where a laser has lost the strip, its reading continues in a straight line here, for a search to follow;
     ``simulate`` gives none (NaN).
 
     Examples

@@ -58,7 +58,7 @@ class Declaration:
         What counts as a change of order one where it is moved on a linear scale: at zero its own size says nothing.
     least : float [SI], optional
         For a parameter that may be zero but is moved as a logarithm, because its size trades against an exponent: the
-        smallest value that a fit tries. Whether it is zero is asked of the readings apart.
+        smallest value that a fit tries. Whether it is zero is asked of the readings separately.
     in_group : bool
         Whether the group of its stage frees it; else only its name does.
     outputs : tuple of str

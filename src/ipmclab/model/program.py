@@ -21,7 +21,7 @@ _SIGNS: Final = ("{} + {}", "{} - {}", "{} * {}", "{} / {}", "{} ** {}", "-{}")
 class Program:
     """A list of operations.
 
-    What it computes with stands in slots: the parameters, the constants, and what each operation makes.
+    What it computes with is in slots: the parameters, the constants, and what each operation makes.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What readings tell of a strip whatever its parameters are called: resistances, time constants, static gains.
+"""What readings determine of a strip whatever its parameters are called: resistances, time constants, static gains.
 
 Parameters may trade against each other; what follows from all of them together is then known all the same.
 """
@@ -219,7 +219,7 @@ def _of_motion(system: System, output: str, highest: float) -> dict[str, float]:
         return abs(answer(math.exp(logarithm))) - _HALF_POWER * abs(static)
 
     grid = np.linspace(math.log(0.01 * slowest), math.log(highest), _GRID)
-    # Where even the first has fallen, the answer to a constant voltage is rounding beside that to a slow one.
+    # Where even the first has fallen, the answer to a constant voltage is rounding compared with that to a slow one.
     fallen = next((place for place, one in enumerate(grid) if above(one) < 0.0), 0)
     if fallen:
         from scipy.optimize import brentq
@@ -229,6 +229,7 @@ def _of_motion(system: System, output: str, highest: float) -> dict[str, float]:
 
 
 def _hides_a_pole(poles: npt.NDArray[np.float64] | npt.NDArray[np.complex128]) -> bool:
-    """Whether the slowest pole is rounding beside the fastest: what the strip does in the end is then not known."""
+    """Whether the slowest pole is rounding compared with the fastest: what the strip does in the end is then not
+    known."""
     sizes = np.abs(poles)
     return bool(sizes.min(initial=np.inf) <= _ROUNDING * sizes.max(initial=0.0))

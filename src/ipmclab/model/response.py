@@ -19,7 +19,7 @@ def frequency_response(
     """Output over the first input at some frequencies, in closed form.
 
     With a leak it is that of small voltages about 0 V, where a leak above a threshold draws nothing: at larger
-    voltages there is no frequency response, and ``simulate`` tells what happens.
+    voltages there is no frequency response, and ``simulate`` shows what happens.
 
     Parameters
     ----------

@@ -161,7 +161,7 @@ def set_point(actuator: Actuator, drive: str = "displacement") -> SetPoint:
 
 
 def drive_system(actuator: Actuator, drive: Drive) -> System:
-    """The coupling with all that stands in one drive: from the node voltage to that drive [m].
+    """The coupling with all that is in one drive: from the node voltage to that drive [m].
 
     Examples
     --------

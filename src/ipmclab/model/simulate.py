@@ -71,7 +71,7 @@ def simulate(
     environment : Environment, WaterState, EnvironmentHistory, or a text such as "20 degC, 80 %RH", optional
         Of an actuator with laws (``environment.laws``). In one environment the strip has been for long. Through a
         history, which begins at row 0, its parameters drift: they are renewed long before any has moved by 0.2 %, and
-        charge goes on. The actuator's state of reference where it is left out.
+        charge continues. The actuator's state of reference where it is left out.
 
     Returns
     -------
@@ -151,7 +151,7 @@ class _Asked(NamedTuple):
 
 
 def _in_environment(actuator: Actuator, asked: _Asked, environment: AnyEnvironment) -> Run:
-    """The run in an environment, which stands in it, with what is to be said of it."""
+    """The run in an environment, which is in it, with what is to be said of it."""
     given = Environment.parse(environment) if isinstance(environment, str) else environment
     there, water = actuator, None
     if isinstance(given, EnvironmentHistory) and actuator.structure.hydration:

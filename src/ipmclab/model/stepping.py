@@ -26,7 +26,7 @@ class Simulator:
     ----------
     system : System
     parameters : mapping of dotted name to float [SI]
-        What a laser reads hangs on them.
+        What a laser reads depends on them.
     rate : float [Hz]
     hold : "zero", "zero-before" or "first"
     initial_state : mapping of state name to float, or float array of shape (n_states,), optional

@@ -82,7 +82,7 @@ class Term:
         return self._made(NEGATE, self)
 
     def _decided(self, *_: Any) -> NoReturn:
-        """What hangs on the number itself is no operation that holds for all numbers."""
+        """What depends on the number itself is no operation that holds for all numbers."""
         raise TypeError("a stage that decides by its parameters takes no terms")
 
     __bool__ = __eq__ = __ne__ = __lt__ = __le__ = __gt__ = __ge__ = _decided

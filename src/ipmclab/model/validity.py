@@ -54,7 +54,7 @@ def validity(actuator: Actuator, run: Run, signal: Signal | str | None = None) -
     run : Run
         Predicted by it.
     signal : Signal or str, optional
-        What was applied; that of the run's metadata where it is left out, and the voltage itself where that tells none.
+        What was applied; that of the run's metadata where it is left out, and the voltage itself where that shows none.
 
     Returns
     -------
@@ -83,7 +83,7 @@ def validity(actuator: Actuator, run: Run, signal: Signal | str | None = None) -
 
 
 def sentence(finding: Finding) -> str:
-    """A finding in one line: what was seen, and what to do."""
+    """A finding in one line: what was found, and what to do."""
     return f"{finding.message}; {finding.repair}" if finding.repair else finding.message
 
 
@@ -205,11 +205,11 @@ def _lost(actuator: Actuator, displacement: FloatArray, run: Run) -> list[Findin
 
 def _speed(actuator: Actuator, run: Run, signal: Signal | str | None) -> list[Finding]:
     first = _limits(actuator).resonance.frequency
-    told = highest_frequency(signal if signal is not None else run.metadata.signal)
-    fastest = _mean_frequency(run) if told is None else told
+    stated = highest_frequency(signal if signal is not None else run.metadata.signal)
+    fastest = _mean_frequency(run) if stated is None else stated
     if fastest <= RESONANCE * first:
         return []
-    goes = "varies at" if told is None else "goes up to"
+    goes = "varies at" if stated is None else "goes up to"
     return [
         Finding(
             "near-resonance",

@@ -122,7 +122,7 @@ def simulate_step(
 ) -> Step:
     """Simulate a signal, or over a run; the command needs a file where parameters were changed, the Python does not.
 
-    Of a fit that was left as it is the command tells how sure it is, and the Python has it as ``bands``. Over a run
+    Of a fit that was left as it is the command reports how sure it is, and the Python has it as ``bands``. Over a run
     that no command can repeat there is none, and the note says why.
 
     Examples

@@ -80,7 +80,7 @@ class Panel:
         return cls(key, label or quantity.name, quantity.display_unit, series, quantity.to_display(1.0))
 
     def as_dict(self) -> dict[str, Any]:
-        """What the plot in the browser needs to know beside the data."""
+        """What the plot in the browser needs to know in addition to the data."""
         return {
             "key": self.key,
             "label": self.label,

@@ -21,13 +21,13 @@ _SAFE: Final = "It touches no recording, and STOP and ZERO work."
 def fault(error: Exception) -> str:
     """What is said of a fault of the page, and what is safe to do.
 
-    The text of an error that is none of ours may hold paths of the server: it stands at the terminal alone.
+    The text of an error that is none of ours may hold paths of the server: it is shown at the terminal alone.
     """
     what = str(error) if isinstance(error, IpmclabError) else type(error).__name__
     return f"This went wrong: {what}. {_SAFE} Reload the page; {_REPORT}."
 
 
-def tell_fault(error: Exception) -> None:
+def report_fault(error: Exception) -> None:
     """Say at the page whose event failed what happened."""
     from nicegui import ui
 
@@ -52,11 +52,11 @@ def add_faults(app: FastAPI) -> None:
             lines = [f"There is no page {request.url.path}{f': {what}' if what else '.'}"]
         else:
             lines = [f"{request.url.path} was refused: {what or known.lower()}."]
-        lines.append("Nothing was changed. A recording goes on, and STOP and ZERO work.")
+        lines.append("Nothing was changed. A recording continues, and STOP and ZERO work.")
         return HTMLResponse(bare(known, lines), error.status_code, dict(error.headers or {}))
 
     async def failed(request: Request, error: Exception) -> Response:
-        """Its traceback is told at the terminal by the server, after this."""
+        """Its traceback is printed at the terminal by the server, after this."""
         if not _is_opened(request):
             return PlainTextResponse("Internal Server Error", 500)
         return HTMLResponse(bare("Server error", [fault(error)]), 500)

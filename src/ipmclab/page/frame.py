@@ -80,9 +80,9 @@ def frame(section: str) -> None:
     ui.query(".nicegui-content").classes("lab-content")
 
 
-def bare(title: str, told: Sequence[str]) -> str:
+def bare(title: str, lines: Sequence[str]) -> str:
     """A page with words alone, for where a section cannot be shown: STOP and ZERO work on it too."""
-    words = "".join(f"<p>{html.escape(one)}</p>" for one in told)
+    words = "".join(f"<p>{html.escape(one)}</p>" for one in lines)
     return _BARE.format(head=HEAD, header=_header(title), title=html.escape(title), words=words)
 
 

@@ -21,8 +21,8 @@ Send = Callable[[MutableMapping[str, Any]], Awaitable[None]]
 App = Callable[[Scope, Receive, Send], Awaitable[None]]
 
 SEAT: Final = "ipmclab-seat"
-"""Cookie that tells one browser from another: who holds the bench. Browsers have it with the port behind its name,
-since they do not tell the servers of a host from each other; the application has it without."""
+"""Cookie that distinguishes one browser from another: who holds the bench. Browsers have it with the port behind its
+name, since they do not distinguish the servers of a host; the application has it without."""
 
 PASS: Final = "ipmclab-pass"
 """Cookie of a browser that knew the token, with the port behind its name."""
@@ -203,7 +203,7 @@ class _TooLargeError(Exception):
 
 
 class _Body:
-    """What is received, until it is too much: its length may not have been told."""
+    """What is received, until it is too much: its length may not have been stated."""
 
     def __init__(self, receive: Receive) -> None:
         self._receive = receive

@@ -82,14 +82,14 @@ class Lab:
 
     @property
     def mark(self) -> str:
-        """A short name of the folder that tells it from others."""
+        """A short name of the folder that distinguishes it from others."""
         return hashlib.sha256(os.fsencode(self.root)).hexdigest()[:12]
 
     @property
     def port(self) -> int:
         """The port that the page of this folder has where nobody says otherwise and nobody has taken it.
 
-        Begun anew it stands where it stood: a page that is open finds it again, with what its browser has kept.
+        Begun again it is where it was: a page that is open finds it again, with what its browser has kept.
         """
         return _FIRST_PORT + int(self.mark, 16) % _PORTS
 
@@ -187,7 +187,7 @@ def plain_name(text: str, where: str) -> str:
     Raises
     ------
     InputError
-        Longer than a file may be called, beside whose name it stands in lists.
+        Longer than a file may be called, beside whose name it is in lists.
 
     Examples
     --------

@@ -71,7 +71,7 @@ class RunFilter:
         return all(word in everything for word in words)
 
 
-def told_runs(rows: Sequence[CatalogueRow]) -> dict[str, str]:
+def runs_in_words(rows: Sequence[CatalogueRow]) -> dict[str, str]:
     """Of each run that can be read, the newest first, by its path: what it was, in words by which people know it."""
     shown = [one for one in map(table_row, reversed(rows)) if one["key"]]
     return {one["key"]: ", ".join(filter(None, (one["signal"], one["sample"], one["recorded"]))) for one in shown}
@@ -83,9 +83,9 @@ def table_row(row: CatalogueRow) -> dict[str, Any]:
     state = "" if row.state in (None, "complete") else str(row.state)
     version = f"version {row.version}" if row.version > 1 else ""
     if row.codes is None:
-        told = "not checked yet" if row.path and not row.problem else ""
+        findings = "not checked yet" if row.path and not row.problem else ""
     else:
-        told = ", ".join(codes) or "none"
+        findings = ", ".join(codes) or "none"
     drive = row.drive or ""
     readable = row.path is not None and row.problem is None and row.state != "recording"
     return {
@@ -99,7 +99,7 @@ def table_row(row: CatalogueRow) -> dict[str, Any]:
         "measured": ", ".join(CHANNELS[name].name if name in CHANNELS else name for name in row.measured),
         "duration": None if row.duration is None else float(f"{row.duration:.4g}"),
         "humidity": None if row.relative_humidity is None else float(f"{row.relative_humidity:.3g}"),
-        "findings": "; ".join(part for part in (state, version, row.problem or told) if part),
+        "findings": "; ".join(part for part in (state, version, row.problem or findings) if part),
     }
 
 

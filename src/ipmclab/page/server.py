@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from ipmclab.errors import InputError, IpmclabError
-from ipmclab.page.faults import add_faults, fault, tell_fault
+from ipmclab.page.faults import add_faults, fault, report_fault
 from ipmclab.page.guard import Guard
 from ipmclab.page.lab import Lab
 from ipmclab.page.settings import Settings, bracketed
@@ -32,7 +32,7 @@ _PING: Final = 20.0
 
 
 def serve(lab: Lab, settings: Settings, on_ready: Callable[[str, bool], None]) -> None:
-    """Serve the page until it is told to end.
+    """Serve the page until it is asked to end.
 
     Parameters
     ----------
@@ -221,7 +221,7 @@ def _page(
 
     async def page() -> None:
         frame(name)
-        ui.on_exception(tell_fault)
+        ui.on_exception(report_fault)
         try:
             built = build(context)
             if built is not None:

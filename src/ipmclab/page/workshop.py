@@ -10,7 +10,6 @@ import tempfile
 import threading
 from collections import OrderedDict
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -18,7 +17,7 @@ from ipmclab.destination import write_text
 from ipmclab.errors import InputError, IpmclabError, suggest
 from ipmclab.page.commands import Step, identify_step, in_order
 from ipmclab.page.curves import CurveStore
-from ipmclab.page.jobs.frames import Frame
+from ipmclab.page.fit_cards import FitCard, FitRequest, FittedFile
 from ipmclab.page.jobs.jobs import Job, JobCancelled, Jobs
 from ipmclab.page.lab import Lab
 from ipmclab.page.uploads import Uploads
@@ -42,106 +41,14 @@ _PLAIN: Final = re.compile(r"\w([\w .-]*[\w-])?")
 """The name of a fit: no plus and no slash, for in that of an actuator stages and folders begin there."""
 
 _KEY: Final = "fit:"
-"""How keys of fits begin, and no name of one: a link that outlives its fit is told from a name that is misspelled."""
+"""How keys of fits begin, and no name of one: a link that outlives its fit is distinguished from a name that is
+misspelled."""
 
 _FILE: Final = re.compile(r"(?P<base>.+?\.toml)(?P<stages>(\+[^/\\]*)?)", re.IGNORECASE)
 """An actuator of a file, with stages behind it; its name may have a plus too."""
 
 _KEPT_ROWS: Final = 2_000_000
 """Rows of runs that stay in memory for the next zoom."""
-
-
-@dataclass(frozen=True)
-class FitRequest:
-    """What a fit is asked for.
-
-    Parameters
-    ----------
-    name : str
-        As people are going to call it.
-    actuator : str
-        What it starts from, as the page names it.
-    runs, held : tuple of str
-        Runs to identify from, and runs to predict.
-    free, per_run, per_mounting, prior : tuple of str
-    """
-
-    name: str
-    actuator: str
-    runs: tuple[str, ...]
-    free: tuple[str, ...]
-    per_run: tuple[str, ...] = ()
-    per_mounting: tuple[str, ...] = ()
-    prior: tuple[str, ...] = ()
-    held: tuple[str, ...] = ()
-
-
-@dataclass
-class FittedFile:
-    """The file of a fit, and how it came about: kept as long as a fit that started from it.
-
-    Parameters
-    ----------
-    asked : FitRequest
-    path : Path
-        Beside the lab.
-    key : str
-        As the page names the fit where an actuator is chosen.
-    start : FittedFile or None
-        The fit of this session that it started from.
-    saved : str or None
-        The file in the lab that it was saved as.
-    """
-
-    asked: FitRequest
-    path: Path
-    key: str
-    start: FittedFile | None = None
-    saved: str | None = None
-
-
-@dataclass
-class FitCard:
-    """One fit of this session: its file, its job, and what came of it.
-
-    Parameters
-    ----------
-    made : FittedFile
-    job : Job
-    """
-
-    made: FittedFile
-    job: Job
-
-    @property
-    def asked(self) -> FitRequest:
-        """What it was asked for."""
-        return self.made.asked
-
-    @property
-    def file(self) -> Path:
-        """The fitted actuator, beside the lab."""
-        return self.made.path
-
-    @property
-    def key(self) -> str:
-        """As links name it."""
-        return self.made.key
-
-    @property
-    def saved(self) -> str | None:
-        """The file in the lab that it was saved as."""
-        return self.made.saved
-
-    @property
-    def is_vain(self) -> bool:
-        """Whether it is over without a result."""
-        return self.job.is_over and self.frame is None
-
-    @property
-    def frame(self) -> Frame | None:
-        """What is shown of it; None where it is not done."""
-        return self.job.future.result() if self.job.is_over and self.job.state == "done" else None
 
 
 class Workshop:
@@ -252,7 +159,7 @@ class Workshop:
 
     @staticmethod
     def library() -> list[str]:
-        """Actuators that come along, the one of the thesis's tables first."""
+        """Actuators that are included, the one of the thesis's tables first."""
         from ipmclab.model.actuator_file import library_names
 
         return sorted(library_names(), key=lambda name: (name != "friend-2", name))
@@ -416,7 +323,8 @@ class Workshop:
         self.lab.new_file(file_stem(name), ".toml")  # what no system can have as a file
 
     def _owner(self, name: str, card: FitCard | None = None) -> str:
-        """Whose name it is, also where only capitals or a space for a hyphen tell the two apart; empty for nobody's."""
+        """Whose name it is, also where only capitals or a space for a hyphen distinguish the two; empty for
+        nobody's."""
         from ipmclab.model.actuator_file import is_library_name
 
         stem = file_stem(name.removesuffix(".toml"))
@@ -534,7 +442,7 @@ class Workshop:
 
 
 def file_stem(name: str) -> str:
-    """What tells names of fits and of their files apart: neither capitals do, nor a space for a hyphen.
+    """What distinguishes names of fits and of their files: neither capitals do, nor a space for a hyphen.
 
     Examples
     --------

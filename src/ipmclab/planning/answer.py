@@ -77,7 +77,7 @@ class FittedStrip:
     def __init__(self, fit: Fit) -> None:
         if not any(one.noise for one in fit.observations):
             raise InputError(
-                "the fit does not say how much noise its runs had: what another run would tell is not known",
+                "the fit does not state the noise of its runs: the information of another run is not known",
                 code="no-noise",
                 where="fit",
                 repair="take the file as identify wrote it, or identify again",
@@ -120,10 +120,10 @@ class FittedStrip:
     @cached_property
     def last_condition(self) -> Environment | None:
         """In which the strip was last; None where its parameters follow none, or nobody said it."""
-        seen = [one.state for one in self.fit.observations if one.state is not None]
-        if not seen or seen[-1].temperature is None or seen[-1].relative_humidity is None:
+        known_states = [one.state for one in self.fit.observations if one.state is not None]
+        if not known_states or known_states[-1].temperature is None or known_states[-1].relative_humidity is None:
             return None
-        return Environment(seen[-1].temperature, seen[-1].relative_humidity)
+        return Environment(known_states[-1].temperature, known_states[-1].relative_humidity)
 
     def answer(self, candidate: Candidate, rate: float) -> Answer:
         """What the strip would answer to a run.
@@ -153,7 +153,7 @@ class FittedStrip:
             {output: rows[output] @ by_water for output in self.outputs} if by_water.any() else {},
         )
 
-    def apart(self, rival: Actuator, candidate: Candidate, answer: Answer) -> dict[str, FloatArray]:
+    def difference_to(self, rival: Actuator, candidate: Candidate, answer: Answer) -> dict[str, FloatArray]:
         """How far another model answers from the strip in the outputs of the fit [SI]."""
         state = self._state(candidate.condition)
         model = rival if state is None else strip_in_state(rival, state, {})
@@ -177,11 +177,11 @@ class FittedStrip:
 
     def _state(self, condition: Environment | None) -> RunState | None:
         """The state of the strip in the next run; None where nothing of it follows one."""
-        seen = [one.state for one in self.fit.observations if one.state is not None]
-        doses = {scale: dose_now(seen, scale) for scale in {Age.of(name).scale for name in self.rates}}
+        known_states = [one.state for one in self.fit.observations if one.state is not None]
+        doses = {scale: dose_now(known_states, scale) for scale in {Age.of(name).scale for name in self.rates}}
         if condition is None:
-            return replace(seen[-1], doses=doses, found=None) if seen else None
+            return replace(known_states[-1], doses=doses, found=None) if known_states else None
         values = self.actuator.parameter_values
         water = equilibrium(values, condition).water_content
-        spread = float(slope(values, condition.relative_humidity / 100.0)) * HUMIDITY_ERROR / 100.0
-        return RunState(water, spread, "assumed", condition.temperature, condition.relative_humidity, doses=doses)
+        uncertainty = float(slope(values, condition.relative_humidity / 100.0)) * HUMIDITY_ERROR / 100.0
+        return RunState(water, uncertainty, "assumed", condition.temperature, condition.relative_humidity, doses=doses)

@@ -14,7 +14,8 @@ from ipmclab.errors import InputError
 from ipmclab.model.environment import Environment
 from ipmclab.rig.channels import THESIS_RIG
 from ipmclab.rig.safety.guard import Guard
-from ipmclab.rig.safety.limits import Limit, Limits
+from ipmclab.rig.safety.limit import Limit
+from ipmclab.rig.safety.limits import Limits
 from ipmclab.signals import Chirp, Multisine, Signal, Sine, Square, Step, Triangle
 
 _BELOW_ELECTROLYSIS: Final = Limits(voltage=Limit(1.2, 0.02))

@@ -71,7 +71,7 @@ class Prediction:
 
 @dataclass(frozen=True)
 class Model:
-    """Largest evidence for the rival that is told worst, if it is true (T-optimal).
+    """Largest evidence for the rival that is distinguished worst, if it is true (T-optimal).
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ class Model:
 
     @classmethod
     def of(cls, offers: Sequence[Knowledge]) -> Model:
-        """From what each single run would leave known: as much as the best run tells of each of several rivals."""
+        """From what each single run would leave known: as much as the best run says of each of several rivals."""
         each = np.array([one.evidence for one in offers])
         return cls(tuple(np.maximum(each.max(axis=0), 1e-300)) if each.ndim > 1 and each.shape[1] > 1 else (1.0,))
 

@@ -67,7 +67,7 @@ def identifiability(
     outputs: str | Sequence[str] = ("current",),
     voltage: float = 3.0,
 ) -> Identifiability:
-    """Tell which parameters runs could determine if they were perfect, before any is recorded.
+    """Compute which parameters runs could determine if they were perfect, before any is recorded.
 
     For a linear actuator that is the rank of the derivatives of the transfer function by every free parameter, exact
     at all frequencies that its poles reach; with a leak, or before a laser, of the response to a staircase of voltages.
@@ -128,7 +128,7 @@ def identifiability(
 
 
 def beside_sensors(matrix: FloatArray, is_read: Sequence[bool]) -> FloatArray:
-    """The sensitivity to parameters of the strip, and beside it to what sensors add to their readings.
+    """The sensitivity to parameters of the strip, and also to what sensors add to their readings.
 
     A zero and a slope show while no voltage is applied yet, where no parameter of the strip does: each has a row of its
     own, which is empty where its output is not read.

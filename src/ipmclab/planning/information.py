@@ -1,4 +1,4 @@
-"""What runs would tell of the parameters of a fit, before they are recorded.
+"""The information of runs on the parameters of a fit, before they are recorded.
 
 ``identify`` takes least squares of the readings whatever their noise. With the Jacobian J of some runs, their rows in
 standard deviations of the noise, the covariance V of the noise, H = J'J and M = J'VJ, its covariance is H^-1 M H^-1.
@@ -21,45 +21,45 @@ from ipmclab.planning.run_noise import RunNoise
 
 FloatArray = npt.NDArray[np.float64]
 
-_NOTHING: Final = 1e-9  # part of a column that is left beside what the run has for itself: rounding
+_NOTHING: Final = 1e-9  # part of a column that is left after what the run has for itself: rounding
 
 
 @dataclass(frozen=True, eq=False)
-class Told:
-    """What runs tell; the entries of what is fitted come first, then fixed values with a stated uncertainty.
+class RunInformation:
+    """The information of runs; the entries of what is fitted come first, then fixed values with a stated uncertainty.
 
     Parameters
     ----------
     products : float array, shape (n, n + n_held)
         J'J.
-    spread : float array, shape (n, n)
+    score_covariance : float array, shape (n, n)
         J'VJ of the entries.
-    rivals : tuple of Told
+    rivals : tuple of RunInformation
         The same for each rival, with how much of the way to it the strip is (0 or 1) as one entry more, the last.
     """
 
     products: FloatArray
-    spread: FloatArray
-    rivals: tuple[Told, ...] = ()
+    score_covariance: FloatArray
+    rivals: tuple[RunInformation, ...] = ()
 
-    def __add__(self, other: Told) -> Told:
-        """What runs tell together."""
+    def __add__(self, other: RunInformation) -> RunInformation:
+        """The information of runs together."""
         rivals = tuple(one + another for one, another in zip(self.rivals, other.rivals, strict=True))
-        return Told(self.products + other.products, self.spread + other.spread, rivals)
+        return RunInformation(self.products + other.products, self.score_covariance + other.score_covariance, rivals)
 
     @property
     def information(self) -> FloatArray:
         """About the entries, then between them and the held values, shape (n, n + n_held)."""
-        count = len(self.spread)
+        count = len(self.score_covariance)
         own = self.products[:, :count]
-        found = own @ pseudo_inverse(self.spread) @ own
+        found = own @ pseudo_inverse(self.score_covariance) @ own
         found = 0.5 * (found + found.T)
         return np.hstack([found, found @ pseudo_inverse(own) @ self.products[:, count:]])
 
 
-def told_by(
-    answer: Answer, noise: Mapping[str, RunNoise], rate: float, apart: Sequence[Mapping[str, FloatArray]] = ()
-) -> Told:
+def information_of(
+    answer: Answer, noise: Mapping[str, RunNoise], rate: float, to_rivals: Sequence[Mapping[str, FloatArray]] = ()
+) -> RunInformation:
     """The information of a run.
 
     Parameters
@@ -67,7 +67,7 @@ def told_by(
     answer : Answer
     noise : mapping of output to RunNoise
     rate : float [Hz]
-    apart : sequence of mapping of output to float array, shape (n_time,) [SI]
+    to_rivals : sequence of mapping of output to float array, shape (n_time,) [SI]
         How far each rival answers from the strip.
     """
     outputs = list(noise)
@@ -76,20 +76,24 @@ def told_by(
         return np.vstack([of(output) / noise[output].deviation for output in outputs])
 
     rows = stacked(
-        lambda output: np.column_stack([answer.entries[output], answer.held[output], *(one[output] for one in apart)])
+        lambda output: np.column_stack(
+            [answer.entries[output], answer.held[output], *(one[output] for one in to_rivals)]
+        )
     )
     left = _without(rows, _of_the_run(answer, noise, stacked), water_row=bool(answer.water))
     count, held, length = answer.entries[outputs[0]].shape[1], answer.held[outputs[0]].shape[1], len(answer.time)
-    spread = left[length * len(outputs) :].T @ left[length * len(outputs) :]
+    score_covariance = left[length * len(outputs) :].T @ left[length * len(outputs) :]
     for place, output in enumerate(outputs):
-        spread = spread + noise[output].spread(left[place * length : (place + 1) * length], rate)
+        score_covariance = score_covariance + noise[output].score_covariance(
+            left[place * length : (place + 1) * length], rate
+        )
     products = left.T @ left
     own, asked = slice(0, count), slice(0, count + held)
     rivals = []
     for place in range(count + held, len(products)):
         some = np.ix_([*range(count), place], [*range(count), place])
-        rivals.append(Told(products[some], spread[some]))
-    return Told(products[own, asked], spread[own, own], tuple(rivals))
+        rivals.append(RunInformation(products[some], score_covariance[some]))
+    return RunInformation(products[own, asked], score_covariance[own, own], tuple(rivals))
 
 
 def _of_the_run(

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from ipmclab.identification.problem.unknowns import Unknown
 from ipmclab.normal_equations import lengths, pseudo_inverse
 from ipmclab.planning.answer import FittedStrip
-from ipmclab.planning.information import Told
+from ipmclab.planning.information import RunInformation
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -23,9 +23,7 @@ _WIDEST: Final = 1e3
 _WIDER: Final = 10.0  # times the allowed range, by which an error is asked whether it rests on that alone
 _FELT: Final = 2.0
 
-_ROUNDING: Final = (
-    1e-15  # of a variance, that is left of it beside others: a covariance in floating point leaves no less
-)
+_ROUNDING: Final = 1e-15  # of a variance, that is left of it with others: a covariance in floating point leaves no less
 _DETERMINED: Final = 1e-12  # of the largest information, columns of length 1
 
 
@@ -44,14 +42,14 @@ class Knowledge:
         Information of the allowed ranges.
     stated : float array, shape (n_held, n_held)
         Covariance of fixed values with a stated uncertainty.
-    further : Told, optional
+    further : RunInformation, optional
         By runs that come after it.
     """
 
     fitted: FloatArray
     beforehand: FloatArray
     stated: FloatArray
-    further: Told | None = None
+    further: RunInformation | None = None
 
     @classmethod
     def of(cls, strip: FittedStrip) -> Knowledge:
@@ -69,9 +67,9 @@ class Knowledge:
         beforehand = np.array([1.0 / _width(one) ** 2 for one in strip.unknowns])
         return cls(np.hstack([own, -own @ slopes]), beforehand, stated)
 
-    def after(self, told: Told) -> Knowledge:
+    def after(self, runs: RunInformation) -> Knowledge:
         """What is known after a further run."""
-        return replace(self, further=told if self.further is None else self.further + told)
+        return replace(self, further=runs if self.further is None else self.further + runs)
 
     @cached_property
     def covariance(self) -> FloatArray:
@@ -105,7 +103,7 @@ class Knowledge:
 
     @cached_property
     def evidence(self) -> tuple[float, ...]:
-        """Squared standard errors by which each rival stands apart, if it is true, whatever the entries are then.
+        """Squared standard errors by which each rival differs, if it is true, whatever the entries are then.
 
         By the further runs: what the fit's own readings say of a rival is not asked.
         """
@@ -123,7 +121,7 @@ class Knowledge:
 
 
 def _inverse(matrix: FloatArray) -> FloatArray:
-    """Of a covariance or an information: a column of length 1 has no less left beside the others than rounding."""
+    """Of a covariance or an information: a column of length 1 has no less left after the others than rounding."""
     size = lengths(matrix.diagonal())
     values, vectors = np.linalg.eigh(0.5 * (matrix + matrix.T) / np.outer(size, size))
     turned = vectors / size[:, None]

@@ -30,7 +30,7 @@ class ProposedRun:
     number : int
         Its place among the runs of all strips, counted from 1.
     rate : float [Hz]
-        Rows each second, at which what it tells was worked out.
+        Rows each second, at which its information was computed.
     """
 
     candidate: Candidate
@@ -116,8 +116,8 @@ class Proposal(Shown):
     predicted : mapping of output to pair of float
         Root mean square error of what is predicted for the inputs, over that of the answer, before and after.
     evidence : mapping of rival to pair of float
-        By how many standard errors the rival would stand apart if it is true, by the runs alone: after the first one
-        and after all. Of a stage whose size nobody knows, for the amount that its name tells.
+        By how many standard errors the rival would differ if it is true, by the runs alone: after the first one
+        and after all. Of a stage whose size nobody knows, for the amount that its name states.
     shows : mapping of rival to mapping of name to (float [SI], unit)
         For a stage the least of it that all runs would show, at two standard errors.
     refused : mapping of limit to int
@@ -127,7 +127,7 @@ class Proposal(Shown):
         Over how many values that the strip may have the gains are averaged; errors are then the middle ones. They
         hold at the fitted values with 0.
     remarks : tuple of str
-        What the plan hangs on.
+        What the plan depends on.
     """
 
     goal: GoalName

@@ -58,7 +58,7 @@ def of_draws(proposal: Proposal) -> str:
 
 
 def interval(one: Expected, *, now: bool) -> str:
-    """The interval of a parameter now, or after the runs, with as many digits as tell its ends apart."""
+    """The interval of a parameter now, or after the runs, with as many digits as distinguish its ends."""
     if not (one.determined_before if now else one.determined_after):
         return "not determined"
     low, high = one.interval_before if now else one.interval_after

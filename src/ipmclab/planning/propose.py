@@ -1,4 +1,4 @@
-"""Propose the next runs for a fit: those that tell most for the time that they take."""
+"""Propose the next runs for a fit: those that give most information for the time that they take."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from ipmclab.planning.goals import GoalName
 from ipmclab.planning.proposal import Expected, Proposal, ProposedRun
 from ipmclab.planning.questions import Belief, Offer, Questions
 from ipmclab.planning.run_noise import NOT_EXCLUDED
-from ipmclab.rig.safety.limits import words
+from ipmclab.rig.safety.limit import words
 from ipmclab.signals import parse
 
 INPUTS: Final = ("step 1 V for 40 s", "sine 1 V 0.1 Hz for 40 s", "square 1 V 0.1 Hz for 40 s")
@@ -31,7 +31,7 @@ _USUAL: Final = 40.0  # seconds of an input that does not say how long it lasts
 
 
 MOST_RUNS: Final = 1000
-"""Of a plan: what the first ones tell is known before the last ones come."""
+"""Of a plan: the information of the first ones is known before the last ones come."""
 
 
 def propose_runs(
@@ -44,11 +44,12 @@ def propose_runs(
     rival: str | Actuator | Fit | None = None,
     draws: int | Samples = 0,
 ) -> Proposal:
-    """Tell which runs to record next: those that tell most for their time on the bench, under its limits.
+    """Propose which runs to record next: those that give most information for their time on the bench, under its
+    limits.
 
     Steps, sines, squares, triangles, chirps and multisines of several frequencies, amplitudes and lengths are tried on
-    the fitted model. What each would tell of the parameters, under the noise that the fit found, is added to what the
-    fit knows. The run that brings the goal nearest for each minute is taken, then the next one, until the time is
+    the fitted model. The information of each on the parameters, under the noise that the fit found, is added to what
+    the fit knows. The run that brings the goal nearest for each minute is taken, then the next one, until the time is
     used up. It is the strip's model that is asked: what it lacks, no plan knows.
 
     Parameters
@@ -219,7 +220,7 @@ def _interval(unknown: Unknown, value: float, error: float) -> tuple[float, floa
 
 
 def _remarks(fit: Fit, goal: GoalName) -> Iterator[str]:
-    """What the plan hangs on."""
+    """What the plan depends on."""
     codes = {one.code for one in fit.findings}
     open_ones = [name for name, one in fit.parameters.items() if not one.determined]
     if any(one.severity == "error" for one in fit.findings):
@@ -239,7 +240,7 @@ def _remarks(fit: Fit, goal: GoalName) -> Iterator[str]:
 
 
 def _refuse_endless(minutes: float, times: Sequence[float]) -> None:
-    """Refuse a time that holds more runs than can be thought through: each is compared with all others anew."""
+    """Refuse a time that holds more runs than can be thought through: each is compared with all others again."""
     if times and 60.0 * minutes > MOST_RUNS * min(times):
         most = MOST_RUNS * min(times) / 60.0
         raise InputError(

@@ -1,4 +1,4 @@
-"""What is asked of a fitted strip: the runs within the limits, what each would tell, and what is known after it."""
+"""What is asked of a fitted strip: the runs within the limits, the information of each, and what is known after it."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from ipmclab.planning.answer import Answer, FittedStrip
 from ipmclab.planning.candidates import Allowance, Candidate
 from ipmclab.planning.draws import Samples, drawn_strips
 from ipmclab.planning.goals import Goal, GoalName, Model, Parameters, Prediction
-from ipmclab.planning.information import Told, told_by
+from ipmclab.planning.information import RunInformation, information_of
 from ipmclab.planning.knowledge import Knowledge
 from ipmclab.planning.proposal import ProposedRun
 from ipmclab.planning.rivals import Rival, rivals_of
 from ipmclab.planning.run_noise import RunNoise
-from ipmclab.rig.safety.limits import words
+from ipmclab.rig.safety.limit import words
 from ipmclab.ties import largest_first
 
 FloatArray = npt.NDArray[np.float64]
@@ -50,9 +50,9 @@ class Belief:
     aims: tuple[Goal, ...]
     predicted: tuple[Prediction, ...]
 
-    def after(self, told: Sequence[Told]) -> Belief:
+    def after(self, informations: Sequence[RunInformation]) -> Belief:
         """What is known after a further run."""
-        known = tuple(one.after(each) for one, each in zip(self.known, told, strict=True))
+        known = tuple(one.after(each) for one, each in zip(self.known, informations, strict=True))
         return replace(self, known=known)
 
     @cached_property
@@ -77,7 +77,7 @@ class Belief:
 
     @property
     def evidence(self) -> tuple[float, ...]:
-        """Mean squared standard errors by which each rival stands apart, if it is true."""
+        """Mean squared standard errors by which each rival differs, if it is true."""
         return tuple(np.mean([one.evidence for one in self.known], axis=0).tolist())
 
     @property
@@ -92,7 +92,7 @@ Offer = tuple[ProposedRun, Belief]
 
 
 class Questions:
-    """The runs of a strip within the limits, and what each would tell.
+    """The runs of a strip within the limits, and the information of each.
 
     Parameters
     ----------
@@ -125,7 +125,7 @@ class Questions:
         self.rivals = rivals_of(self.strip, rival, most) if goal == "model" else ()
         self.tried, self.refused = 0, Counter[str]()
         self._doubts: dict[tuple[str, Candidate], str] = {}
-        self._told: list[tuple[str, Candidate, tuple[Told, ...]]] = []
+        self._told: list[tuple[str, Candidate, tuple[RunInformation, ...]]] = []
         for name, allowed in ways.items():
             self._ask(name, allowed)
         rate = max(self._rate(one) for one in ways.values())
@@ -133,8 +133,8 @@ class Questions:
         before = Knowledge.of(self.strip)
         aims: tuple[Goal, ...] = predicted if goal == "prediction" else (Parameters(),) * len(self.strips)
         if goal == "model":
-            told = [each for _, _, each in self._told]
-            aims = tuple(Model.of([before.after(each[k]) for each in told]) for k in range(len(self.strips)))
+            informations = [each for _, _, each in self._told]
+            aims = tuple(Model.of([before.after(each[k]) for each in informations]) for k in range(len(self.strips)))
         self.start = Belief((before,) * len(self.strips), aims, predicted)
 
     @cached_property
@@ -145,8 +145,8 @@ class Questions:
     def offers(self, belief: Belief, place: Environment | None) -> list[Offer]:
         """What each run would gain as the next one, the most for a minute first."""
         found = []
-        for name, candidate, told in self._told:
-            after = belief.after(told)
+        for name, candidate, informations in self._told:
+            after = belief.after(informations)
             time = self.ways[name].time(candidate, place)
             gain, rate = belief.loss - after.loss, self._rate(self.ways[name])
             found.append((ProposedRun(candidate, time, gain, experiment=name, rate=rate), after))
@@ -182,11 +182,13 @@ class Questions:
                     f"the strip may pass the limit of the {limit}: it does so at {passed.total()} of {len(limits)} "
                     "values that the fit allows"
                 )
-            told = tuple(
-                told_by(answer, noise, rate, [strip.apart(one.actuator, candidate, answer) for one in its])
+            informations = tuple(
+                information_of(
+                    answer, noise, rate, [strip.difference_to(one.actuator, candidate, answer) for one in its]
+                )
                 for strip, answer, its in zip(self.strips, answers, rivals, strict=True)
             )
-            self._told.append((name, candidate, told))
+            self._told.append((name, candidate, informations))
 
 
 def _readings(answer: Answer, shown: set[str]) -> dict[str, FloatArray]:

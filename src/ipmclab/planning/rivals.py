@@ -35,7 +35,7 @@ class Rival:
     direction: ScoreDirection | None = field(default=None)
 
     def least_seen(self, errors: float) -> Mapping[str, tuple[float, str]]:
-        """The least of its stage that would show, where as much as it has stands apart by so many standard errors.
+        """The least of its stage that would show, where as much as it has differs by so many standard errors.
 
         Values in SI units, with the unit.
         """
@@ -48,7 +48,7 @@ class Rival:
 
 
 def rivals_of(strip: FittedStrip, rival: str | Actuator | Fit | None, voltage: float) -> tuple[Rival, ...]:
-    """What a plan has to tell from the fitted model.
+    """What a plan has to distinguish from the fitted model.
 
     A stage whose time constant nobody knows is a rival for each that runs could show.
 

@@ -69,7 +69,7 @@ class RunNoise:
             columns.append(time - time.mean())
         return np.array(columns).reshape(len(columns), len(time)).T
 
-    def spread(self, rows: FloatArray, rate: float) -> FloatArray:
+    def score_covariance(self, rows: FloatArray, rate: float) -> FloatArray:
         """``rows' V rows`` for the covariance V of the noise in standard deviations; it is no faster than it was read.
 
         Parameters

@@ -1,4 +1,4 @@
-"""Which runs of several strips to record next: the time on the bench goes to the strip that tells most with it."""
+"""Which runs of several strips to record next: the time on the bench goes to the strip that gains most with it."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def propose_for_strips(
     rival: str | Actuator | Fit | None = None,
     draws: int | Mapping[str, Samples] = 0,
 ) -> StripsProposal:
-    """Tell which runs of several strips to record next.
+    """Propose which runs of several strips to record next.
 
     What is known of each strip counts as much: the gains of all of them add.
 

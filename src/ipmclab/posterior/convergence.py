@@ -1,4 +1,4 @@
-"""Whether Markov chains tell the same, and how much: what has to hold before anything is reported of them."""
+"""Whether Markov chains give the same, and how much: what has to hold before anything is reported of them."""
 
 from __future__ import annotations
 
@@ -106,5 +106,5 @@ def judge(chains: FloatArray, names: Sequence[str], ensembles: int) -> Judgement
 
 def _together(chains: FloatArray, ensembles: int) -> FloatArray:
     """The walkers of each ensemble as one chain, step by step, shape (n_ensemble, n_draw)."""
-    apart = chains.reshape(ensembles, -1, chains.shape[1])
-    return np.swapaxes(apart, 1, 2).reshape(ensembles, -1)
+    separate = chains.reshape(ensembles, -1, chains.shape[1])
+    return np.swapaxes(separate, 1, 2).reshape(ensembles, -1)

@@ -73,8 +73,8 @@ class Valley:
         at_fit = np.column_stack([self._slope(0.0)[:count], self._path(0.0)[count:].reshape(self._shape)])
         self._sign = float(np.linalg.slogdet(at_fit)[0])
         self.middle = np.concatenate([[0.0], np.zeros(count - 1), rest])
-        spread = min(self._ends[1] - self._ends[0], 2.0 * WIDEST) / 4.0
-        self.root = np.diag([spread, *np.ones(count - 1), *np.full(len(rest), width)])
+        quarter = min(self._ends[1] - self._ends[0], 2.0 * WIDEST) / 4.0
+        self.root = np.diag([quarter, *np.ones(count - 1), *np.full(len(rest), width)])
 
     def __call__(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
         """The vectors, and the logarithm of the determinant of their derivatives; shapes (n, n_entry) and (n,)."""

@@ -29,7 +29,7 @@ from ipmclab.posterior.doubts import doubts
 from ipmclab.posterior.packages import bayes_package
 from ipmclab.posterior.sampling import LEAST_STEPS, Chains, sample
 from ipmclab.prediction.remarks import averages
-from ipmclab.progress import Tell, part, stage, telling
+from ipmclab.progress import OnProgress, part, reporting_to, stage
 from ipmclab.run import Finding
 from ipmclab.units import CHANNELS, TIME, Quantity
 from ipmclab.version import __version__
@@ -145,14 +145,14 @@ class Posterior:
 
 
 def sample_posterior(
-    fit: Fit, *, seed: int = SEED, steps: int = STEPS, engine: Engine | None = None, progress: Tell | None = None
+    fit: Fit, *, seed: int = SEED, steps: int = STEPS, engine: Engine | None = None, progress: OnProgress | None = None
 ) -> Posterior:
     """Draw samples of the parameters of a fit, by Markov chains (emcee), and judge them (ArviZ).
 
     The likelihood is that of the fit: its readings under the noise that their residuals show, integrated over the
-    offset, the trend and the scale of each output's noise; what shapes that noise is sampled beside the parameters. A
-    parameter with a prior has that; any other is as likely anywhere between its bounds, in its logarithm where the fit
-    moves that. Fixed parameters whose stated uncertainty matters are sampled too.
+    offset, the trend and the scale of each output's noise; what shapes that noise is sampled together with the
+    parameters. A parameter with a prior has that; any other is as likely anywhere between its bounds, in its logarithm
+    where the fit moves that. Fixed parameters whose stated uncertainty matters are sampled too.
 
     Parameters
     ----------
@@ -205,7 +205,7 @@ def sample_posterior(
         )
     for package in ("emcee", "arviz"):
         bayes_package(package)
-    with telling(progress):
+    with reporting_to(progress):
         return _sample(fit, solved(fit), seed, steps, engine)
 
 

@@ -1,4 +1,4 @@
-"""Markov chains: two ensembles of walkers from apart, until they agree."""
+"""Markov chains: two ensembles of walkers from different places, until they agree."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ipmclab.progress import stage, tick
 
 FloatArray = npt.NDArray[np.float64]
 
-ENSEMBLES: Final = 2  # the fewest that can be held against each other (convention)
+ENSEMBLES: Final = 2  # the fewest that can be compared with each other (convention)
 _LEAST_WALKERS: Final = 20
 """Of an ensemble (convention)."""
 

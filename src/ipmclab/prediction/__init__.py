@@ -1,1 +1,1 @@
-"""A fitted actuator held against runs, and how sure its answers are."""
+"""A fitted actuator compared with runs, and how sure its answers are."""

@@ -17,11 +17,11 @@ from ipmclab.model import Actuator
 from ipmclab.model.actuator_file import load_actuator, stages_after
 from ipmclab.prediction.bands import Bands, prediction_bands
 from ipmclab.prediction.in_state import environment_of_run
-from ipmclab.prediction.own_of_mounting import apart, mountings_seen
+from ipmclab.prediction.own_of_mounting import mountings_of_fit, own_names_of_mountings
 from ipmclab.run import Run
 
 MOST_ROWS: Final = 200_000
-"""Of an answer with a band: the derivative of every row by every parameter is held at once."""
+"""Of an answer with a band: the derivative of every row by every parameter is held at once (a limit)."""
 
 _AVERAGE: Final = "mountings-differ"
 _TOLD: Final = "undetermined"
@@ -130,23 +130,25 @@ def sure_answer(actuator: Actuator, run: Run, *, named: str = "") -> SureAnswer 
     here = prediction_bands(fit, _of_mounting(run, None))
     if here.left_out and not any(one.any() for one in here.of_parameters.values()):
         return SureAnswer(None, why_none=f"nothing is known of {listed(here.left_out)}")
-    seen = mountings_seen(fit)
+    mountings = mountings_of_fit(fit)
     codes = tuple(dict.fromkeys(one.code for one in fit.findings if one.severity != "info"))
     unknown, following = why_unknown(fit), None
     if not unknown:
-        following = prediction_bands(fit, _of_mounting(run, f"not {' '.join(seen)}"))
+        following = prediction_bands(fit, _of_mounting(run, f"not {' '.join(mountings)}"))
     average = ""
     if _AVERAGE in codes:
-        average = f"mountings {listed(seen)} differ by more than their errors, and the fit answers for none of them"
+        average = (
+            f"mountings {listed(mountings)} differ by more than their errors, and the fit answers for none of them"
+        )
     return SureAnswer(
         None if average else here,
         following,
         average,
         next_mounting_unknown=unknown,
-        mountings=seen,
+        mountings=mountings,
         not_read=tuple(name for name in READ_OUTPUTS if name not in here.predicted and name in run.channels),
         warnings=tuple(code for code in codes if code not in (_AVERAGE, _TOLD)),
-        own=apart(fit),
+        own=own_names_of_mountings(fit),
         environment=tuple(one.message for one in environment_of_run(fit, fit.actuator, run, "this answer")),
     )
 

@@ -25,7 +25,7 @@ from ipmclab.model.outputs import simulate_outputs
 from ipmclab.model.sensitivity import sensitivities
 from ipmclab.model.simulate import with_shunt
 from ipmclab.prediction.in_state import known_in_state, state_in
-from ipmclab.prediction.own_of_mounting import own_of_mounting, strips_apart
+from ipmclab.prediction.own_of_mounting import own_of_mounting, strip_of_each_mounting
 from ipmclab.run import Hold, Run
 from ipmclab.strip_state.run_state import RunState
 
@@ -93,8 +93,8 @@ class Bands:
                 repair=f"ask for {' or '.join(map(repr, self.predicted))}, or fit runs that have it",
             )
         noise = self.of_noise[output] if of_readings else 0.0
-        spread = np.sqrt(self.of_parameters[output] ** 2 + np.square(noise))
-        reach = float(ndtri(0.5 + 0.5 * level)) * spread
+        deviation = np.sqrt(self.of_parameters[output] ** 2 + np.square(noise))
+        reach = float(ndtri(0.5 + 0.5 * level)) * deviation
         return np.asarray(reach + self.away[output] if output in self.away else reach)
 
 
@@ -152,14 +152,14 @@ def prediction_bands(fit: Fit, run: Run) -> Bands:
     others = [with_shunt(one, run) for one in next_mountings(fit, fit.actuator, mounting)]
     away: dict[str, FloatArray] = {}
     if others:
-        spread = spread_of_next(fit, others, strip, drive, predicted)
+        deviation = standard_error_of_next(fit, others, strip, drive, predicted)
     else:
-        spread, away = spread_here(fit, mounting, strip, drive, predicted, lambda one: with_shunt(one, run))
+        deviation, away = standard_error_here(fit, mounting, strip, drive, predicted, lambda one: with_shunt(one, run))
     noise = {output: noise_of(fit.observations, output, since) for output in outputs}
     if others:
         noise = {output: noise_between(fit, output, noise[output]) for output in outputs}
     held = "the next" if others else f"mounting {mounting}" if own else "the fit's"
-    return Bands(run.time, predicted, spread, noise, _left_out(fit, mounting), held, away)
+    return Bands(run.time, predicted, deviation, noise, _left_out(fit, mounting), held, away)
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,7 +209,7 @@ def known_in(fit: Fit, place: int | None, mounting: str | None = None) -> KnownC
     return known_of(fit.covariance, values_of(fit), [*fit.actuator.parameter_values, *rates_of(fit)], own)
 
 
-def spread_of(
+def standard_error_of(
     known: KnownCovariance, actuator: Actuator, drive: Drive, outputs: Sequence[str]
 ) -> dict[str, FloatArray]:
     """Standard deviation of each output from what is not known of the parameters [SI]."""
@@ -231,13 +231,13 @@ def spread_of(
     return dict(zip(outputs, np.sqrt(np.maximum(variances, 0.0)), strict=True))
 
 
-def spread_here(
+def standard_error_here(
     fit: Fit,
     mounting: str | None,
     model: Actuator,
     drive: Drive,
     predicted: Mapping[str, FloatArray],
-    seen: Callable[[Actuator], Actuator],
+    as_read: Callable[[Actuator], Actuator],
 ) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
     """Standard deviation of a prediction of a new run, and how far mountings of the fit lie from it [SI].
 
@@ -250,38 +250,38 @@ def spread_here(
         As it was simulated.
     drive : Drive
     predicted : mapping of output to float array, shape (n_time,) [SI]
-    seen : function of Actuator to Actuator
+    as_read : function of Actuator to Actuator
         A strip as the instruments of this run see it.
 
     Returns
     -------
-    spread : dict of output to float array, shape (n_time,) [SI]
+    deviation : dict of output to float array, shape (n_time,) [SI]
     away : dict of output to float array, shape (n_time,) [SI]
         Empty where the run names its mounting, or the mountings share everything.
     """
     outputs = list(predicted)
-    strips = {} if mounting else strips_apart(fit)
+    strips = {} if mounting else strip_of_each_mounting(fit)
     if not strips:
-        return spread_of(known_in(fit, None, mounting), model, drive, outputs), {}
-    spread, away = ({output: np.zeros(len(drive.time)) for output in outputs} for _ in range(2))
+        return standard_error_of(known_in(fit, None, mounting), model, drive, outputs), {}
+    deviation, away = ({output: np.zeros(len(drive.time)) for output in outputs} for _ in range(2))
     for name, one in strips.items():
-        strip = seen(one)
-        each = spread_of(known_in(fit, None, name), strip, drive, outputs)
+        strip = as_read(one)
+        each = standard_error_of(known_in(fit, None, name), strip, drive, outputs)
         for output, answer in zip(outputs, drive.outputs(strip, outputs), strict=True):
-            spread[output] = np.maximum(spread[output], each[output])
+            deviation[output] = np.maximum(deviation[output], each[output])
             away[output] = np.maximum(away[output], np.abs(answer - predicted[output]))
-    return spread, away
+    return deviation, away
 
 
 def _left_out(fit: Fit, mounting: str | None) -> tuple[str, ...]:
     """Of what nothing is known for a new run, which may name its mounting."""
-    strips = strips_apart(fit)
+    strips = strip_of_each_mounting(fit)
     # What another mounting has for itself is nothing to a run that names its own.
-    beside = tuple(ending_of(name) for name in strips if mounting in strips and name != mounting)
+    ending = tuple(ending_of(name) for name in strips if mounting in strips and name != mounting)
     unlimited = [
         name
         for name, one in fit.parameters.items()
-        if not math.isfinite(one.standard_error) and not name.endswith(beside)
+        if not math.isfinite(one.standard_error) and not name.endswith(ending)
     ]
     # The band of a run that names none holds every mounting: of each its own is known.
     found = known_in(fit, None, mounting or next(iter(strips), None))
@@ -290,8 +290,8 @@ def _left_out(fit: Fit, mounting: str | None) -> tuple[str, ...]:
 
 def next_mountings(fit: Fit, actuator: Actuator, mounting: str | None) -> list[Actuator]:
     """The strip as each mounting of a fit found it, for a run of another mounting; else, or with too few, none."""
-    seen = {observation.mounting for observation in fit.observations}
-    if not mounting or mounting in seen or fit.mountings is None:
+    known_mountings = {observation.mounting for observation in fit.observations}
+    if not mounting or mounting in known_mountings or fit.mountings is None:
         return []
     known = values_of(fit)
     found = [
@@ -306,7 +306,7 @@ def _inside(actuator: Actuator, values: Mapping[str, float]) -> dict[str, float]
     return {name: value for name, value in values.items() if name in actuator.parameter_values}
 
 
-def spread_between(
+def standard_deviation_between(
     strips: Sequence[Actuator], drive: Drive, predicted: Mapping[str, FloatArray]
 ) -> dict[str, FloatArray]:
     """Standard deviation that stands for Student's interval of one more mounting about a prediction [SI].
@@ -324,37 +324,37 @@ def spread_between(
     }
 
 
-def spread_of_next(
+def standard_error_of_next(
     fit: Fit, strips: Sequence[Actuator], model: Actuator, drive: Drive, predicted: Mapping[str, FloatArray]
 ) -> dict[str, FloatArray]:
     """Standard deviation of a prediction of the next mounting: between mountings, and what they have in common [SI].
 
     What was stated, or known beforehand, is wrong by the same amount in all of them, so their answers do not show it.
     """
-    between = spread_between(strips, drive, predicted)
+    between = standard_deviation_between(strips, drive, predicted)
     each = [] if fit.mountings is None else [one for one in fit.mountings.each if one.loadings]
     if not each:
         return between
     names, covariance = common_covariance(fit, [one.loadings for one in each], [one.values for one in each])
-    common = spread_of(KnownCovariance(names, covariance), model, drive, list(predicted))
+    common = standard_error_of(KnownCovariance(names, covariance), model, drive, list(predicted))
     return {output: np.hypot(between[output], common[output]) for output in predicted}
 
 
 def noise_of(
-    seen: Sequence[Observation], output: str, since: FloatArray, *, level: bool = True, drift: bool = True
+    observations: Sequence[Observation], output: str, since: FloatArray, *, level: bool = True, drift: bool = True
 ) -> FloatArray:
     """Standard deviation of a reading, as the root of the mean square over runs [SI], shape (n_time,).
 
     Parameters
     ----------
-    seen : sequence of Observation
+    observations : sequence of Observation
     output : str
     since : float array, shape (n_time,) [s]
         Time since the start of the run.
     level, drift : bool
         Whether a zero and a slope of the sensor are in the readings; not where they were taken off.
     """
-    own = [observation for observation in seen if output in observation.noise]
+    own = [observation for observation in observations if output in observation.noise]
     total = np.zeros(len(since))
     for observation in own:
         model = observation.noise_model.get(output)

@@ -1,4 +1,4 @@
-"""The band of a record that is held against a prediction."""
+"""The band of a record that is compared with a prediction."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ from ipmclab.prediction.bands import (
     noise_between,
     noise_of,
     noise_outputs,
-    spread_here,
-    spread_of,
-    spread_of_next,
+    standard_error_here,
+    standard_error_of,
+    standard_error_of_next,
 )
 from ipmclab.prediction.in_state import state_in
-from ipmclab.prediction.own_of_mounting import apart, mountings_seen, own_of_mounting
+from ipmclab.prediction.own_of_mounting import mountings_of_fit, own_names_of_mountings, own_of_mounting
 from ipmclab.run import Finding, Run
 
 FloatArray = npt.NDArray[np.float64]
@@ -50,7 +50,7 @@ def band_of_run(
         As it was simulated for this record, in the reference state of its laws.
     record : PreparedRun
     place : int or None
-        Where the run stands in the fit; None where it is new.
+        Where the run is in the fit; None where it is new.
     delay : float [s]
     start : mapping of name to float
         The state that it was simulated from, empty for rest.
@@ -66,20 +66,20 @@ def band_of_run(
         state = fit.observations[place].state
     drive = Drive(run.time, run.voltage, model_hold(record), delay, start, state, rates)
 
-    def seen(strip: Actuator) -> Actuator:
+    def mountings(strip: Actuator) -> Actuator:
         return seen_from_sensor(strip, record.series_resistance)
 
     others = [] if place is not None else next_mountings(fit, fit.actuator, run.metadata.mounting_id)
     away: dict[str, FloatArray] = {}
     if place is not None:
-        spread = spread_of(known_in(fit, place), model, drive, outputs)
+        deviation = standard_error_of(known_in(fit, place), model, drive, outputs)
     else:
         predicted = dict(zip(outputs, drive.outputs(model, outputs), strict=True))
         if others:
-            strips = [seen(strip) for strip in others]
-            spread = spread_of_next(fit, strips, model, drive, predicted)
+            strips = [mountings(strip) for strip in others]
+            deviation = standard_error_of_next(fit, strips, model, drive, predicted)
         else:
-            spread, away = spread_here(fit, run.metadata.mounting_id, model, drive, predicted, seen)
+            deviation, away = standard_error_here(fit, run.metadata.mounting_id, model, drive, predicted, mountings)
     since = run.time - run.time[0]
     observed = fit.observations if place is None else [fit.observations[place]]
     found = {}
@@ -89,14 +89,14 @@ def band_of_run(
         noise = noise_of(of_these, output, since, level=level, drift=place is None)
         if others:
             noise = noise_between(fit, output, noise)
-        found[output] = NORMAL_95 * np.hypot(spread[output], noise)
+        found[output] = NORMAL_95 * np.hypot(deviation[output], noise)
         if output in away:
             found[output] += away[output]
     return found
 
 
 def place_in(fit: Fit, run: Run) -> int | None:
-    """Where a run stands in a fit; None for one that it never saw."""
+    """Where a run is in a fit; None for one that it never saw."""
     hashes = [observation.content_sha256 for observation in fit.observations]
     return hashes.index(run.content_sha256) if run.content_sha256 in hashes else None
 
@@ -104,10 +104,10 @@ def place_in(fit: Fit, run: Run) -> int | None:
 def another_mounting(fit: Fit, run: Run, label: str) -> list[Finding]:
     """That a run is of a mounting that the fit never saw, and what its band holds for."""
     mounting = run.metadata.mounting_id
-    seen = mountings_seen(fit)
-    if not mounting or not seen or mounting in seen:
+    mountings = mountings_of_fit(fit)
+    if not mounting or not mountings or mounting in mountings:
         return []
-    said = f"{label} is of mounting {mounting}, and the fit is of {', '.join(seen)}"
+    said = f"{label} is of mounting {mounting}, and the fit is of {', '.join(mountings)}"
     if next_mountings(fit, fit.actuator, mounting):
         return [Finding("another-mounting", "info", f"{said}: its band is that of the next mounting")]
     return [
@@ -122,26 +122,31 @@ def another_mounting(fit: Fit, run: Run, label: str) -> list[Finding]:
 
 def own_mounting(fit: Fit, run: Run, label: str) -> list[Finding]:
     """With which mounting's own parameters a new run was predicted, where the mountings of a fit have some."""
-    mounting, names = run.metadata.mounting_id, apart(fit)
+    mounting, names = run.metadata.mounting_id, own_names_of_mountings(fit)
     if not names or place_in(fit, run) is not None:
         return []
     own = own_of_mounting(fit, mounting)
     if own:
         units = {name: fit.actuator.parameters()[name].unit for name in own}
-        told = listed([f"{name} ({value:.4g} {units[name]})".replace(" )", ")") for name, value in own.items()])
-        said = f"{label} is of mounting {mounting}, and was predicted with that mounting's own {told}"
+        values_text = listed([f"{name} ({value:.4g} {units[name]})".replace(" )", ")") for name, value in own.items()])
+        said = f"{label} is of mounting {mounting}, and was predicted with that mounting's own {values_text}"
         return [Finding("own-mounting", "info", said, values=own)]
     if mounting:
         return []
-    seen = mountings_seen(fit)
-    each = f"each of mountings {listed(seen)} has its own" if len(seen) > 1 else f"mounting {seen[0]} has its own"
+    mountings = mountings_of_fit(fit)
+    each = (
+        f"each of mountings {listed(mountings)} has its own"
+        if len(mountings) > 1
+        else f"mounting {mountings[0]} has its own"
+    )
     return [
         Finding(
             "mounting-not-named",
             "warning",
             f"{label} does not say of which mounting it is, and {each} {listed(names)}: it was predicted with the "
             f"average over the fit's runs, and its band holds what "
-            f"{'each of these mountings' if len(seen) > 1 else 'this mounting'} answers, but not what another would",
+            f"{'each of these mountings' if len(mountings) > 1 else 'this mounting'} answers, but not "
+            "what another would",
             "give the run its mounting_id",
         )
     ]

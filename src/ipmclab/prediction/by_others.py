@@ -21,7 +21,7 @@ from ipmclab.identification.search.tangent import STRUCTURAL
 from ipmclab.identification.uncertainty.known_covariance import covariance_table, known_of
 from ipmclab.model import Actuator
 from ipmclab.model.environment.age import AGE, grown
-from ipmclab.prediction.bands import Drive, noise_of, spread_of
+from ipmclab.prediction.bands import Drive, noise_of, standard_error_of
 from ipmclab.prediction.scores import Comparison, Score
 from ipmclab.prediction.validate import validate
 from ipmclab.strip_state.run_state import RunState
@@ -29,7 +29,7 @@ from ipmclab.strip_state.run_state import RunState
 FloatArray = npt.NDArray[np.float64]
 
 EVALUATIONS: Final = 100
-"""Of the model, that a fit to some of the runs may take: it begins at the fit of all."""
+"""Of the model, that a fit to some of the runs may take: it begins at the fit of all (a limit)."""
 
 
 def is_of_strip(unknown: Unknown) -> bool:
@@ -70,7 +70,7 @@ class OtherRuns:
 
 @dataclass(frozen=True, eq=False)
 class Itself:
-    """What a run has for itself, found on it while all else stands where the other runs have it.
+    """What a run has for itself, found on it while all else is where the other runs have it.
 
     Parameters
     ----------
@@ -217,13 +217,13 @@ def _reach(
     endings = own_endings(record.place, record.run.metadata.mounting_id or "")
     rates = _rates(theirs)
     found = known_of(table, dict(zip(names, values, strict=True)), [*strip.parameter_values, *rates], endings)
-    seen = [theirs.fit.observations[other.place] for other in others.records]
-    outputs = [name for name in record.readings if any(name in observation.noise for observation in seen)]
+    their_observations = [theirs.fit.observations[other.place] for other in others.records]
+    outputs = [name for name in record.readings if any(name in observation.noise for observation in their_observations)]
     run = record.run
     drive = Drive(run.time, run.voltage, model_hold(record), delay, state=record.state, rates=rates)
-    spread = spread_of(found, strip, drive, outputs)
+    deviation = standard_error_of(found, strip, drive, outputs)
     since = run.time - run.time[0]
     return {
-        name: NORMAL_95 * np.hypot(spread[name], noise_of(seen, name, since, level=name not in zeros))
+        name: NORMAL_95 * np.hypot(deviation[name], noise_of(their_observations, name, since, level=name not in zeros))
         for name in outputs
     }

@@ -1,6 +1,6 @@
 """Headline numbers: the one number for each quantity that a publication prints of a run, each with its definition.
 
-The thesis seldom says at which edge or time a number was read. What a model is held against it by is stated here,
+The thesis seldom says at which edge or time a number was read. How a model is compared with it is stated here,
 once, together with how near it has to come.
 """
 
@@ -26,7 +26,7 @@ RATE: Final = 50.0
 """Rows a second, as on the thesis's rig [Hz] (Friend, appendix A.2)."""
 
 PERIOD: Final = 10.0
-"""Of the sine and of the square [s]."""
+"""Of the sine and of the square [s] (the thesis, chapter 5)."""
 
 SIGNALS: Final = {"step": "step 1 V", "sine": "sine 1 V 0.1 Hz", "square": "square 1 V 0.1 Hz"}
 
@@ -143,7 +143,7 @@ class HeadlineRun:
 
 @dataclass(frozen=True)
 class Comparison:
-    """One published number beside a model's.
+    """One published number with a model's.
 
     Parameters
     ----------
@@ -234,7 +234,7 @@ def compare(actuator: Actuator, run: HeadlineRun, contact_resistance: float = 0.
 
 
 def read(run: HeadlineRun, simulated: Run) -> tuple[Comparison, ...]:
-    """The printed numbers of a run beside those of a record of it, number by number."""
+    """The printed numbers of a run in addition to those of a record of it, number by number."""
     found = []
     for row in run.numbers:
         channel = row.metric.rpartition("_")[2]

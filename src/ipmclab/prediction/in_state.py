@@ -1,4 +1,5 @@
-"""A fitted strip in a state that its fit may never have seen: its parameters there, how well they are known, doubts."""
+"""A fitted strip in a state that its fit may not contain: its parameters there, how well they are known,
+doubts."""
 
 from __future__ import annotations
 
@@ -45,8 +46,8 @@ def state_in(fit: Fit | None, actuator: Actuator, run: Run) -> RunState | None:
     if not follows and not rates:
         return None
     state = state_of(actuator, run, label="run") if follows else RunState()
-    seen = _seen(fit)
-    doses = {scale: dose_now(seen, scale) for scale in {Age.of(name).scale for name in rates}}
+    states = _seen(fit)
+    doses = {scale: dose_now(states, scale) for scale in {Age.of(name).scale for name in rates}}
     return replace(state, doses=doses)
 
 

@@ -35,22 +35,22 @@ from ipmclab.prediction.by_others import (
     problem_of,
 )
 from ipmclab.prediction.scores import Comparison
-from ipmclab.progress import Tell, part, stage, telling
+from ipmclab.progress import OnProgress, part, reporting_to, stage
 from ipmclab.run import Finding
 from ipmclab.statespace.shape import Shape
 from ipmclab.statespace.terms import Terms
 
 FloatArray = npt.NDArray[np.float64]
 
-_ADDS: Final = 0.01  # part of a variance that a run must take away to be asked what it changes
+_ADDS: Final = 0.01  # part of a variance that a run must take away to be asked what it changes (convention)
 
 
 @on_one_thread
-def leave_one_run_out(fit: Fit, *, progress: Tell | None = None) -> Fit:
+def leave_one_run_out(fit: Fit, *, progress: OnProgress | None = None) -> Fit:
     """Fit without each run in turn, predict it, and see what it changes.
 
-    Each fit starts where the fit of all runs stands and keeps the noise that was found there, so it takes a few steps.
-    What leaving a run out changes is held against its own variance: with the pseudo-inverses A of both fits and the
+    Each fit starts at the fit of all runs and keeps the noise that was found there, so it takes a few steps.
+    What leaving a run out changes is compared with its own variance: with the pseudo-inverses A of both fits and the
     covariance V of the noise, (A_others - A_all) V (A_others - A_all)'. So a run shows that is of another strip,
     another state or another mounting.
 
@@ -103,13 +103,13 @@ def leave_one_run_out(fit: Fit, *, progress: Tell | None = None) -> Fit:
     labels = [record.label for record in records]
     named = [f"{name} [{place}]" if labels.count(name) > 1 else name for place, name in enumerate(labels)]
     found = []
-    with telling(progress):
+    with reporting_to(progress):
         for number, (record, label) in enumerate(zip(records, named, strict=True)):
             with part("", number / len(records), (number + 1) / len(records)):
                 stage(f"predicting {label} from the other runs", 0.0, 1.0, 10)
                 found.append(_without(fit, result, record, label))
     others = [finding for finding in fit.findings if finding.code != "run-stands-out"]
-    return changed(fit, left_out=tuple(found), findings=(*others, *_stands_out(fit, found)))
+    return changed(fit, left_out=tuple(found), findings=(*others, *_deviates(fit, found)))
 
 
 def _without(fit: Fit, result: Estimate, record: PreparedRun, label: str) -> LeftOut:
@@ -122,7 +122,9 @@ def _without(fit: Fit, result: Estimate, record: PreparedRun, label: str) -> Lef
     errors, were = entry_errors(here), entry_errors(before)[kept]
     shared = [place for place, unknown in enumerate(others.unknowns) if is_of_strip(unknown)]
     own = [unknown for column, unknown in enumerate(whole.unknowns) if column not in kept and is_of_strip(unknown)]
-    untold = [unknown for unknown in own if sum(other.base == unknown.base for other in others.unknowns) < FEWEST]
+    without_value = [
+        unknown for unknown in own if sum(other.base == unknown.base for other in others.unknowns) < FEWEST
+    ]
     known = [place for place in shared if errors[place] <= _most(others, solution.theta, place)]
     lost = [
         order(others.unknowns[place].name)
@@ -130,25 +132,25 @@ def _without(fit: Fit, result: Estimate, record: PreparedRun, label: str) -> Lef
         if place not in known and fit.parameters[order(others.unknowns[place].name)].determined
     ]
     moved = solution.theta - begin
-    covariance, apart = _covariances(result.correlated, before, others, here, kept)
-    shifts, p_value = _shift(moved, covariance, apart, known)
-    told = LeftOut(
+    covariance, of_change = _covariances(result.correlated, before, others, here, kept)
+    shifts, p_value = _shift(moved, covariance, of_change, known)
+    left = LeftOut(
         label,
-        undetermined=(*lost, *(order(unknown.name) for unknown in untold)),
+        undetermined=(*lost, *(order(unknown.name) for unknown in without_value)),
         shifts={order(others.unknowns[place].name): shift for place, shift in shifts.items()},
         p_value=p_value,
     )
     if np.isinf(errors[shared][np.isfinite(were[shared])]).any():
-        return told  # along what they do not show at all the others would stand where this run put them
+        return left  # along what they do not show at all the others would stand where this run put them
     theirs = OtherRuns(fit, others, solution.theta, covariance, order)
     try:
         itself = found_on_itself(whole, theta, theirs, kept, record) if own else None
         judged = predicted_by(theirs, record, itself)
-        scored = judged if untold or itself is None else predicted_by(theirs, record, None)
+        scored = judged if without_value or itself is None else predicted_by(theirs, record, None)
     except IpmclabError:  # the others put the strip where no prediction is finite
-        return told
+        return left
     return replace(
-        told,
+        left,
         fit_percent={name: s.fit_percent for name, s in scored.scores.items() if s.fit_percent is not None},
         rmse={name: s.rmse for name, s in scored.scores.items() if s.rmse is not None},
         inside={name: _inside(scored.compared[name], reach) for name, reach in scored.reach.items()},
@@ -169,13 +171,14 @@ def _most(problem: Problem, theta: FloatArray, place: int) -> float:
 
 
 def _inverse(here: Evaluation) -> FloatArray:
-    """Of the normal equations, without directions of which nothing is known: told by angles between columns, not sizes.
+    """Of the normal equations, without directions of which nothing is known: given by angles between columns, not
+    sizes.
 
     A prior a billion times as sharp as the readings would else count them as nothing.
     """
     singular, directions, _, size = here.scaled_spectrum
-    seen = singular > STRUCTURAL * singular.max(initial=0.0)
-    inverse = directions[seen].T / singular[seen] / size[:, None]
+    determined = singular > STRUCTURAL * singular.max(initial=0.0)
+    inverse = directions[determined].T / singular[determined] / size[:, None]
     return np.asarray(inverse @ inverse.T)
 
 
@@ -185,21 +188,21 @@ def _covariances(
     """Of what the other runs find, and of what leaving the run out changes, under the noise that was found."""
     theirs = here.jacobian @ _inverse(here)
     every = (before.jacobian @ _inverse(before))[:, kept]
-    covariance, apart = np.zeros((len(kept), len(kept))), np.zeros((len(kept), len(kept)))
+    covariance, of_change = np.zeros((len(kept), len(kept))), np.zeros((len(kept), len(kept)))
     for key, piece in under.problem.pieces.items():
         change = -every[piece]
         if key in others.pieces:
             own = theirs[others.pieces[key]]
             covariance += under.spread(own, key)
-            apart += under.spread(change + own, key)
+            of_change += under.spread(change + own, key)
         else:
             # What it leaves may be of another strip: its noise is taken to be that of the others.
-            apart += _as_in_others(under, key, others).spread(change, key)
+            of_change += _as_in_others(under, key, others).spread(change, key)
     of_theirs, of_every = _priors(others), _priors(under.problem)
     known = theirs[len(theirs) - len(of_theirs) :]
     change = -every[len(every) - len(of_every) :]
     change[[of_every.index(name) for name in of_theirs]] += known
-    return covariance + known.T @ known, apart + change.T @ change
+    return covariance + known.T @ known, of_change + change.T @ change
 
 
 def _as_in_others(under: Correlated, key: Key, others: Problem) -> Correlated:
@@ -222,7 +225,7 @@ def _priors(problem: Problem) -> list[str]:
 
 
 def _shift(
-    moved: FloatArray, others: FloatArray, apart: FloatArray, known: list[int]
+    moved: FloatArray, others: FloatArray, of_change: FloatArray, known: list[int]
 ) -> tuple[dict[int, float], float]:
     """Each change in its own standard errors, and the p-value of all of them together."""
     from scipy.special import chdtrc
@@ -230,14 +233,14 @@ def _shift(
     if not known:
         return {}, 1.0
     size = np.sqrt(others.diagonal()[known])
-    variance = apart[np.ix_(known, known)] / np.outer(size, size)
+    variance = of_change[np.ix_(known, known)] / np.outer(size, size)
     change = moved[known] / size
     own = variance.diagonal()
     shifts = {place: float(change[k] / math.sqrt(own[k])) if own[k] > _ADDS else 0.0 for k, place in enumerate(known)}
     values, vectors = np.linalg.eigh(variance)
-    told = values > _ADDS
-    square = float(np.sum((vectors[:, told].T @ change) ** 2 / values[told]))
-    return shifts, float(chdtrc(int(told.sum()), square)) if told.any() else 1.0
+    informative = values > _ADDS
+    square = float(np.sum((vectors[:, informative].T @ change) ** 2 / values[informative]))
+    return shifts, float(chdtrc(int(informative.sum()), square)) if informative.any() else 1.0
 
 
 def _inside(one: Comparison, reach: FloatArray) -> float:
@@ -260,15 +263,15 @@ def _chance(one: LeftOut) -> float:
     return min([one.p_value, *(float(erfc(size / math.sqrt(2.0))) for size in one.standardised.values())])
 
 
-def _stands_out(fit: Fit, runs: Sequence[LeftOut]) -> list[Finding]:
-    """That a run is not like the others: of the unlikely ones that which the others predict worst.
+def _deviates(fit: Fit, runs: Sequence[LeftOut]) -> list[Finding]:
+    """That a run is not like the others: of the significant ones that which the others predict worst.
 
-    One that is of another strip spoils what the others say of each other, so that those may be as unlikely.
+    One that is of another strip spoils what the others say of each other, so that those may be as significant.
     """
-    unlikely = [one for one in runs if _chance(one) < REJECT / len(runs)]
-    if not unlikely or any(finding.code == "mountings-differ" for finding in fit.findings):
+    significant = [one for one in runs if _chance(one) < REJECT / len(runs)]
+    if not significant or any(finding.code == "mountings-differ" for finding in fit.findings):
         return []  # where mountings differ, every run is unlike those of the others
-    one = max(unlikely, key=lambda one: (max(one.standardised.values(), default=0.0), -_chance(one)))
+    one = max(significant, key=lambda one: (max(one.standardised.values(), default=0.0), -_chance(one)))
     are_two = len(runs) == 2
     if one.p_value == _chance(one):
         most = max(one.shifts, key=lambda name: abs(one.shifts[name]))

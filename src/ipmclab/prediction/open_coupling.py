@@ -15,7 +15,7 @@ from ipmclab.run import Finding
 
 NOT_IDENTIFIED: Final = "coupling-not-identified"
 
-_LARGE: Final = 0.01  # part of a direction of unit length
+_LARGE: Final = 0.01  # part of a direction of unit length (convention)
 
 
 def open_coupling(actuator: Actuator) -> list[Finding]:
@@ -76,7 +76,7 @@ def _open(actuator: Actuator, why: str) -> Finding:
 def _along(direction: Mapping[str, Any]) -> float:
     """By how much d(0) moves along a direction about which a fit knows nothing; 0 where the table does not say.
 
-    A fit knows d(0) beside a direction of which it knows something: its covariance tells how well.
+    A fit knows d(0) together with a direction of which it knows something: its covariance shows how well.
     """
     try:
         open_end = float(direction.get("error", math.inf)) == math.inf

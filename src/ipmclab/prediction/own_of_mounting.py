@@ -7,7 +7,7 @@ from ipmclab.identification.problem.record import ending_of, own_values
 from ipmclab.model import Actuator
 
 
-def mountings_seen(fit: Fit) -> tuple[str, ...]:
+def mountings_of_fit(fit: Fit) -> tuple[str, ...]:
     """The mountings that the runs of a fit name, in the order of the runs."""
     return tuple(dict.fromkeys(observation.mounting for observation in fit.observations if observation.mounting))
 
@@ -45,15 +45,15 @@ def own_of_mounting(fit: Fit, mounting: str | None) -> dict[str, float]:
     return own_values({name: one.value for name, one in fit.parameters.items()}, [ending_of(mounting)])
 
 
-def apart(fit: Fit) -> tuple[str, ...]:
+def own_names_of_mountings(fit: Fit) -> tuple[str, ...]:
     """The parameters of which each mounting of a fit has its own."""
-    return tuple(dict.fromkeys(name for mounting in mountings_seen(fit) for name in own_of_mounting(fit, mounting)))
+    return tuple(dict.fromkeys(name for mounting in mountings_of_fit(fit) for name in own_of_mounting(fit, mounting)))
 
 
-def strips_apart(fit: Fit) -> dict[str, Actuator]:
+def strip_of_each_mounting(fit: Fit) -> dict[str, Actuator]:
     """The fitted strip as each of its mountings holds it, by mounting; none where they share everything."""
     return {
         mounting: fit.actuator.replace(**own)
-        for mounting in mountings_seen(fit)
+        for mounting in mountings_of_fit(fit)
         if (own := own_of_mounting(fit, mounting))
     }

@@ -1,4 +1,4 @@
-"""What must be said beside a fitted number, wherever it stands in a table."""
+"""What must be said with a fitted number, wherever it is in a table."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from ipmclab.fit.fit import Fit
 from ipmclab.identification.mountings.mountings import differ, dragged
 
 AVERAGED: Final = "average of mountings that differ: its interval holds for none of them"
-"""Said beside a shared parameter that is not the same in every mounting."""
+"""Said with a shared parameter that is not the same in every mounting."""
 
 _FROM_AVERAGE: Final = "from an average of mountings that differ: its band holds for none of them"
 _FROM_ANOTHER: Final = "from another mounting, and mountings differ: its band does not hold for this one"
@@ -18,7 +18,7 @@ _NOT_DESCRIBED: Final = "its interval may be too small: the noise is not describ
 
 
 def remarks(fit: Fit) -> dict[str, str]:
-    """The remark beside each parameter; empty where its number says all."""
+    """The remark with each parameter; empty where its number says all."""
     averaged = averages(fit)
     described = not any(finding.code == "noise-not-described" for finding in fit.findings)
     found = {}
@@ -30,7 +30,7 @@ def remarks(fit: Fit) -> dict[str, str]:
 
 
 def left_out_remarks(fit: Fit) -> tuple[str, ...]:
-    """The remark beside each run that was left out; empty where its prediction says all.
+    """The remark with each run that was left out; empty where its prediction says all.
 
     Where mountings differ, what the other runs share is an average of them, or of a mounting that is not the run's.
     """
@@ -52,5 +52,5 @@ def averages(fit: Fit) -> frozenset[str]:
     """
     if fit.mountings is None:
         return frozenset()
-    apart = differ(fit.mountings.each, fit.actuator)
-    return frozenset({*apart, *dragged(fit, fit.mountings.each)} if apart else ()) & set(fit.parameters)
+    differing = differ(fit.mountings.each, fit.actuator)
+    return frozenset({*differing, *dragged(fit, fit.mountings.each)} if differing else ()) & set(fit.parameters)

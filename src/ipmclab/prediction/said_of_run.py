@@ -19,11 +19,11 @@ if TYPE_CHECKING:
     from ipmclab.prediction.scores import Comparison
 
 _GOOD: Final = 50.0
-"""Percent of fit of minus the prediction from which on nothing but a sign explains it."""
+"""Percent of fit of minus the prediction from which on nothing but a sign explains it (convention)."""
 _AGAINST: Final = -0.9
-"""Cosine between readings and prediction below which they lie on opposite sides of rest."""
+"""Cosine between readings and prediction below which they lie on opposite sides of rest (convention)."""
 _MOSTLY: Final = 0.5
-"""Of what was missed, that a drift leaves where it is the cause."""
+"""Of what was missed, that a drift leaves where it is the cause (convention)."""
 
 
 def begins_under_voltage(one: RunValidation) -> bool:
@@ -83,10 +83,10 @@ def current_rises(runs: Iterable[RunValidation]) -> list[str]:
 
 
 def _is_turned(comparison: Comparison, *, shown: bool) -> bool:
-    read, told = comparison.measured[comparison.used], comparison.predicted[comparison.used]
-    if float(np.linalg.norm(read + told)) <= (1.0 - _GOOD / 100.0) * float(np.linalg.norm(read - read.mean())):
+    read, predicted = comparison.measured[comparison.used], comparison.predicted[comparison.used]
+    if float(np.linalg.norm(read + predicted)) <= (1.0 - _GOOD / 100.0) * float(np.linalg.norm(read - read.mean())):
         return True
-    return shown and float(read @ told) < _AGAINST * float(np.linalg.norm(read) * np.linalg.norm(told))
+    return shown and float(read @ predicted) < _AGAINST * float(np.linalg.norm(read) * np.linalg.norm(predicted))
 
 
 def said_of_run(one: RunValidation) -> list[Finding]:
@@ -95,9 +95,9 @@ def said_of_run(one: RunValidation) -> list[Finding]:
         Finding(
             "sign-turned",
             "warning",
-            f"{one.label}: the {CHANNELS[name].name} goes the other way than predicted, and minus the prediction "
-            "follows it: its sign is turned, here or in the runs of the fit",
-            repair="turn the sign of this channel in the import map or the rig file, of the record that is wrong",
+            f"{one.label}: the {CHANNELS[name].name} goes the other way than predicted, and the negative of the "
+            "prediction follows it: its sign is reversed, here or in the runs of the fit",
+            repair="reverse the sign of this channel in the import map or the rig file, of the record that is wrong",
             channel=name,
         )
         for name in turned_outputs(one)
@@ -134,7 +134,7 @@ def said_of_run(one: RunValidation) -> list[Finding]:
             )
         )
     if one.run.hold == "unknown" and not (begins and one.delay is None):
-        found.append(_told_delay(one))
+        found.append(_delay_in_words(one))
     for name, zero in one.zeros.items():
         amount = f"{CHANNELS[name].to_display(zero):.3g} {CHANNELS[name].display_unit}"
         source = "as in the fit" if one.used_in_fit else "the mean before the voltage first moves"
@@ -142,7 +142,7 @@ def said_of_run(one: RunValidation) -> list[Finding]:
             Finding(
                 "zero-taken-off",
                 "info",
-                f"{one.label}: {amount} of {name}, {source}, was taken off as the sensor's zero",
+                f"{one.label}: {amount} of {name}, {source}, was subtracted as the sensor's zero",
                 channel=name,
                 values={"zero": zero},
             )
@@ -164,18 +164,18 @@ def said_of_run(one: RunValidation) -> list[Finding]:
     return found
 
 
-def _told_delay(one: RunValidation) -> Finding:
+def _delay_in_words(one: RunValidation) -> Finding:
     """Where the edges of a foreign record were taken to lie."""
     start = f"{one.label} does not say when its output changed"
     if one.delay is None:
         return Finding(
             "no-edge-shown",
             "info",
-            f"{start}, and its voltage shows no edge: the strip was taken to see it at its rows",
+            f"{start}, and its voltage shows no edge: the voltage is assumed to act at its rows",
             repair="keep some rows before the first edge when cutting a record",
         )
     side = "before" if one.delay < 0 else "after"
-    text = f"{start}: the strip was taken to see the voltage {abs(one.delay) * 1e3:.3g} ms {side} its row"
+    text = f"{start}: the voltage is assumed to act {abs(one.delay) * 1e3:.3g} ms {side} its row"
     if one.used_in_fit:
         return Finding("delay-of-the-fit", "info", f"{text}, as in the fit", values={"delay": one.delay})
     at_end = abs(one.delay) * one.run.rate > LONGEST_DELAY - 0.1

@@ -17,10 +17,11 @@ LAGS: Final = 25
 """Lags of the residual autocorrelation, as MATLAB's ``resid`` shows by default."""
 
 BAND_95: Final = 1.959963984540054
-"""Two-sided 95 % point of the standard normal distribution."""
+"""Two-sided 95 % point of the standard normal distribution (derived)."""
 
 ROUNDING: Final = 1e-9
-"""A residual below this part of the output's range is arithmetic: what it remembers says nothing of the model."""
+"""A residual below this part of the output's range is arithmetic: what it remembers says nothing of the model
+(convention)."""
 
 
 def fit_in_words(percent: float) -> str:
@@ -68,7 +69,7 @@ class Score:
     reason : str
         Why a score is None; empty otherwise.
     inside_band : float or None
-        Share of the readings inside the 95 % band of the prediction; None where no fit tells a band.
+        Share of the readings inside the 95 % band of the prediction; None where no fit gives a band.
     """
 
     output: str
@@ -178,20 +179,20 @@ def score(output: str, comparisons: Sequence[Comparison]) -> Score:
     row = int(np.nanargmax(np.abs(worst.error)))
     used = [one for one in comparisons if one.used.any()]
     squared = sum(float(np.sum(one.error[one.used] ** 2)) for one in used)
-    spread = sum(float(np.sum((one.measured[one.used] - one.measured[one.used].mean()) ** 2)) for one in used)
+    total = sum(float(np.sum((one.measured[one.used] - one.measured[one.used].mean()) ** 2)) for one in used)
     values = np.concatenate([one.measured[one.used] for one in used])
     banded = [np.abs(one.error[one.used]) <= one.reach[one.used] for one in used if one.reach is not None]
     extent = float(np.ptp(values))
     rmse = math.sqrt(squared / samples)
     judged = len(comparisons) == 1 and rmse >= ROUNDING * extent
     correlation, band = autocorrelation(comparisons[0].error) if judged else (np.empty(0), np.empty(0))
-    # The deviations of equal readings from their mean are rounding, not a spread.
+    # The deviations of equal readings from their mean are rounding, not a scatter.
     constant = all(np.ptp(one.measured[one.used]) == 0.0 for one in used)
     return Score(
         output,
         samples,
         left_out,
-        fit_percent=None if constant else 100.0 * (1.0 - math.sqrt(squared) / math.sqrt(spread)),
+        fit_percent=None if constant else 100.0 * (1.0 - math.sqrt(squared) / math.sqrt(total)),
         rmse=rmse,
         rmse_percent_of_range=None if constant or extent == 0.0 else 100.0 * rmse / extent,
         max_error=abs(float(worst.error[row])),

@@ -1,4 +1,4 @@
-"""An actuator held against runs that it was not identified from: free-run prediction and its scores."""
+"""An actuator compared with runs that it was not identified from: free-run prediction and its scores."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ _SILENT: Final = "nothing but noise was measured in this channel"
 
 @dataclass(frozen=True, eq=False)
 class Validation(Shown):
-    """An actuator held against runs.
+    """An actuator compared with runs.
 
     Parameters
     ----------
@@ -111,7 +111,7 @@ def validate(actuator: Actuator | Fit, runs: Sequence[Run] | Run, *, used: Itera
     runs : Run or sequence of Run
         With at least one of current, displacement and force.
     used : iterable of str
-        ``content_sha256`` of runs that the actuator was identified from, beside those that its
+        ``content_sha256`` of runs that the actuator was identified from, in addition to those that its
         own ``fit_table`` names.
 
     Returns
@@ -154,7 +154,7 @@ def validate(actuator: Actuator | Fit, runs: Sequence[Run] | Run, *, used: Itera
         findings.append(Finding(wrong.code, "warning", said, wrong.repair))
     elif fit is not None and (why := why_changed(fit)):
         fit = None
-        said = f"{why}: how sure it was says nothing of this actuator, and there is no 95 % band"
+        said = f"{why}: its uncertainty does not hold for this actuator, and there is no 95 % band"
         repair = "identify again with these values, or take the file as identify wrote it"
         findings.append(Finding("changed-since-fit", "warning", said, repair))
     for place, (run, label) in enumerate(zip(given, labels, strict=True)):
@@ -200,11 +200,11 @@ def run_labels(runs: Sequence[Run]) -> list[str]:
     """
     names = [label_of(run, place) for place, run in enumerate(runs)]
     outputs = [", ".join(name for name in READ_OUTPUTS if name in run.channels) for run in runs]
-    told = [
+    states = [
         f"{name} ({measured})" if names.count(name) > 1 and measured else name
         for name, measured in zip(names, outputs, strict=True)
     ]
-    return [f"{name} [{place}]" if told.count(name) > 1 else name for place, name in enumerate(told)]
+    return [f"{name} [{place}]" if states.count(name) > 1 else name for place, name in enumerate(states)]
 
 
 def _validate_run(

@@ -19,7 +19,8 @@ from ipmclab.strip_state.doubtful import EXTRAPOLATED
 from ipmclab.units import CHANNELS
 
 _HARDLY: Final = 20.0
-"""Percent of fit below which a prediction says little: it leaves four fifths of what the readings vary by."""
+"""Percent of fit below which a prediction says little: it leaves four fifths of what the readings vary by
+(convention)."""
 
 
 @dataclass(frozen=True)
@@ -89,14 +90,14 @@ displacement with a fit of 99.0 % and force with a fit of 99.0 %.
                     f"{'' if which else ', where a constant has 0 %'}."
                 )
     if missed:
-        told = _listed(
+        outputs_text = _listed(
             [
                 f"the {CHANNELS[output].name} of "
                 + _listed([f"{label} ({percent(fit)})" for name, label, fit in missed if name == output])
                 for output in dict.fromkeys(name for name, *_ in missed)
             ]
         )
-        nearer = f"It does not predict {told}: a constant would have been nearer."
+        nearer = f"It does not predict {outputs_text}: a constant would have been nearer."
         sentences.append(" ".join([nearer, *_causes(fresh, missed)]))
     if fresh and not (predicted or missed):
         sentences.append(f"Nothing could be scored in {_new(fresh)}.")
@@ -144,7 +145,8 @@ def _causes(fresh: Sequence[RunValidation], missed: Sequence[tuple[str, str, flo
         which = _listed([f"the {CHANNELS[output].name} of {label}" for output, label in turned])
         said.append(
             f"{which[0].upper()}{which[1:]} {'goes' if len(turned) == 1 else 'go'} the other way than predicted, and "
-            "minus the prediction follows: the sign of the channel is turned, in this record or in the runs of the fit."
+            "the negative of the prediction follows: the sign of the channel is reversed, in this record or in the "
+            "runs of the fit."
         )
     if begin:
         said.append(

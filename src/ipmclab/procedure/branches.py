@@ -18,15 +18,15 @@ from ipmclab.units import PERMITTIVITY, RESISTIVITY
 TITLE: Final = "branches from the current"
 
 _LEFT_OUT: Final = frozenset({"exact-fixed-value", "undetermined", *CHECKS})
-"""What a fit says of values that it was told as exact, whose uncertainty is counted afterwards here, and of facts held
-against each other, of which a step does not know all yet: the joint fit does."""
+"""What a fit says of values that it was given as exact, whose uncertainty is counted afterwards here, and of facts
+compared with each other, of which a step does not know all yet: the joint fit does."""
 
 
 def fit_findings(fit: Fit, wanted: Sequence[str]) -> tuple[Finding, ...]:
     """What of a fit's findings belongs to a step, and what it did not determine."""
     missing = [name for name in wanted if name not in fit.parameters or not fit.parameters[name].determined]
-    told = tuple(one for one in fit.findings if one.code not in _LEFT_OUT and one.severity != "info")
-    return told + tuple(
+    doubts = tuple(one for one in fit.findings if one.code not in _LEFT_OUT and one.severity != "info")
+    return doubts + tuple(
         Finding("not-determined", "warning", f"{name} is not determined by these runs", "add a run, or a longer one")
         for name in missing
     )
@@ -46,10 +46,12 @@ def branches(name: str, runs: Sequence[tuple[str, Run]], known: Mapping[str, Unc
         Of branches.
     """
     names = branch_names(count)
-    told = dc.NAME in known
-    wanted = names if told else (dc.NAME, *names)
+    has_dc = dc.NAME in known
+    wanted = names if has_dc else (dc.NAME, *names)
     how = f"least squares on the current of {', '.join(label for label, _ in runs)}"
-    how += " with R_e and R_dc as measured (Friend, eqs 4.3 to 4.6)" if told else " with R_e as measured, R_dc free too"
+    how += (
+        " with R_e and R_dc as measured (Friend, eqs 4.3 to 4.6)" if has_dc else " with R_e as measured, R_dc free too"
+    )
     actuator = actuator_of(name, known, count)
     fit = identify(actuator, [run for _, run in runs], free=wanted, labels=[label for label, _ in runs])
     held = {key: amount for key, amount in known.items() if key not in wanted and not key.startswith("beam.")}

@@ -20,14 +20,14 @@ from ipmclab.units import STRAIN_COEFFICIENT
 
 NAMES: Final = ("coupling.gain", "coupling.zero", "coupling.p1", "coupling.p2")
 STATIC: Final = {"coupling.gain": 1.0, "coupling.zero": 1.0, "coupling.p2": -1.0}
-"""d(0) = K_d Z_d/P_2d: known also where the zero is not seen."""
+"""d(0) = K_d Z_d/P_2d: known also where the zero is not determined."""
 
 
-def as_far_as_seen(fit: Fit) -> Fit:
+def as_far_as_determined(fit: Fit) -> Fit:
     """The fit with gain, zero and poles all open where the readings do not show all four, or other fits are as good.
 
-    Then they trade against each other, and the curvature beside one minimum can call a pole sharp that lies far from
-    the true one; d(0) stands in all of them.
+    Then they trade against each other, and the curvature at one minimum can call a pole sharp that lies far from
+    the true one; d(0) is in all of them.
     """
     coupled = {name: one for name, one in fit.parameters.items() if name in NAMES}
     if not solved(fit).rivals and all(one.determined for one in coupled.values()):
@@ -60,7 +60,7 @@ def coupling(name: str, runs: Sequence[tuple[str, Run]], known: Mapping[str, Unc
     """
     actuator = actuator_of(name, known, branches)
     fit = identify(actuator, [run for _, run in runs], free=NAMES, labels=[label for label, _ in runs])
-    found = amounts_of_fit(as_far_as_seen(fit), known, "noise of the force")
+    found = amounts_of_fit(as_far_as_determined(fit), known, "noise of the force")
     static, sure = found.product(STATIC), found.determined
     parameters = actuator.parameters()
     results = {
@@ -85,12 +85,12 @@ def coupling(name: str, runs: Sequence[tuple[str, Run]], known: Mapping[str, Unc
 
 
 def _open(fit: Fit, sure: Mapping[str, Uncertain]) -> tuple[Finding, ...]:
-    """What the runs do not tell of the coupling, in the words of the fit."""
+    """What the runs do not show of the coupling, in the words of the fit."""
     repair = "d(0) is what a slow voltage moves; the rest is how quickly"
-    told = [one.sentence for one in fit.undetermined]
+    sentences = [one.sentence for one in fit.undetermined]
     held_back = [name for name in NAMES if name not in sure and fit.parameters[name].determined]
     if held_back:
-        told.append(
+        sentences.append(
             f"{', '.join(held_back)}: not taken over, as the rest of the coupling is open or other fits fit alike"
         )
-    return tuple(Finding("not-determined", "info", one, repair) for one in told)
+    return tuple(Finding("not-determined", "info", one, repair) for one in sentences)

@@ -50,7 +50,7 @@ _ELECTROLYSIS: Final = 1.23  # V, at which water decomposes (standard potential)
 def dc_resistance(runs: Sequence[tuple[str, Run]], known: Mapping[str, Uncertain]) -> Step:
     """R_dc = V/I - 2 R_e - R_contact, and rho_dc = R_dc (L_f + L_c) w/h (Friend, eq. 4.2).
 
-    In the circuit R_dc stands behind both electrodes, so that what they take is subtracted. Table 4.1 does not:
+    In the circuit R_dc is behind both electrodes, so that what they take is subtracted. Table 4.1 does not:
     its 70.92 ohm are 1 V over 14.1 mA.
 
     The steady current is the limit of an exponential through the last half of the stretch of constant voltage, not the
@@ -100,9 +100,9 @@ def dc_resistance(runs: Sequence[tuple[str, Run]], known: Mapping[str, Uncertain
 
 def _of_run(label: str, run: Run, known: Mapping[str, Uncertain]) -> tuple[Uncertain | None, tuple[Finding, ...]]:
     run = _until_the_rest(run)
-    told = check(run)
+    findings_of_run = check(run)
     # A current of noise alone still says how large the resistance is at least.
-    despite_noise = [finding for finding in told if finding.code != "noise-only"]
+    despite_noise = [finding for finding in findings_of_run if finding.code != "noise-only"]
     metrics = {metric.name: metric for metric in measure(run, despite_noise) if metric.channel == "current"}
     steady, last = metrics.get("steady_value"), metrics.get("mean_of_last_tenth")
     record = Record.of(run)
@@ -114,7 +114,7 @@ def _of_run(label: str, run: Run, known: Mapping[str, Uncertain]) -> tuple[Uncer
             repair="give a run with a step that is held, and with its current",
         )
     assert run.current is not None
-    good = unmasked(run, told)["current"]
+    good = unmasked(run, findings_of_run)["current"]
     run = replace(run, current=np.where(good, run.current, np.nan))
     edge = int(record.edges[-1])
     volts = float(np.median(run.voltage[edge:]))
@@ -194,7 +194,7 @@ def _of_run(label: str, run: Run, known: Mapping[str, Uncertain]) -> tuple[Uncer
 def _limit(run: Run, edge: int, share: float, end: float) -> tuple[float, float]:
     """Where the last part of what follows an edge settles, and the half width of its interval [A].
 
-    A mode that is too slow to be told from a constant shows in that another part settles elsewhere.
+    A mode that is too slow to be distinguished from a constant shows in that another part settles elsewhere.
     """
     assert run.current is not None
     rows = np.arange(len(run) - round(share * (len(run) - edge)), len(run))
@@ -246,7 +246,7 @@ def _no_limit(label: str, held: float, limit: float, away: Sequence[float]) -> F
 
 
 def _no_current(label: str, volts: float, limit: float, reach: float) -> Finding:
-    """The steady current is zero as far as the record tells."""
+    """The steady current is zero as far as the record shows."""
     least = abs(volts) / (abs(limit) + reach)
     return Finding(
         "no-dc-current",
@@ -297,15 +297,15 @@ def _scatter(good: Sequence[Uncertain]) -> tuple[Finding, ...]:
     values = np.array([one.value for one in good])
     common = set.intersection(*(set(one.parts) for one in good))
     own = np.array([one.without(common).uncertainty for one in good])
-    apart = float(np.ptp(values)) / max(float(np.hypot(own[values.argmax()], own[values.argmin()])), 1e-300)
-    if apart <= 3.0:
+    sigmas = float(np.ptp(values)) / max(float(np.hypot(own[values.argmax()], own[values.argmin()])), 1e-300)
+    if sigmas <= 3.0:
         return ()
     return (
         Finding(
             "states-differ",
             "warning",
-            f"the runs give dc resistances from {values.min():.4g} to {values.max():.4g} ohm, {apart:.2g} standard "
-            "uncertainties apart: the strip was not the same in them",
+            f"the runs give dc resistances from {values.min():.4g} to {values.max():.4g} ohm. They differ by "
+            f"{sigmas:.2g} standard uncertainties: the strip was not the same in them",
             "record the runs of one procedure one after the other, in one mounting, at one humidity",
         ),
     )

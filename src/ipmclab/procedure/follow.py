@@ -22,7 +22,7 @@ from ipmclab.procedure.procedure import Procedure
 from ipmclab.procedure.slips import IMPOSSIBLE, looked_over
 from ipmclab.procedure.step import Result, Step, advice_for, assumed_finding, finding_row
 from ipmclab.procedure.strip import actuator_of
-from ipmclab.progress import Tell, part, stage, telling
+from ipmclab.progress import OnProgress, part, reporting_to, stage
 from ipmclab.run import Finding
 from ipmclab.units import (
     DENSITY,
@@ -151,7 +151,7 @@ def follow_procedure(
     procedure: Procedure,
     *,
     all_at_once: bool = True,
-    progress: Tell | None = None,
+    progress: OnProgress | None = None,
     step_done: Callable[[Step], None] | None = None,
 ) -> Characterisation:
     """Carry out every step for which there is something, and the joint fit when all are done.
@@ -163,7 +163,7 @@ def follow_procedure(
     all_at_once : bool
         Whether the joint fit follows when all steps are done; it takes longer than all of them.
     progress : function of (str, float), optional
-        Told what is being done, and how far it is; what it raises ends the work.
+        Called with what is being done, and how far it is; what it raises ends the work.
     step_done : function of Step, optional
         Given each step as it is done, so that it is known also where another one fails; a step that another one makes
         better comes twice.
@@ -178,7 +178,7 @@ def follow_procedure(
         Something that was measured cannot be used: the first of it, when all steps that do not need it were carried out
         and given to ``step_done``, as is what those say that could not be.
     """
-    with telling(progress):
+    with reporting_to(progress):
         return _follow(procedure, all_at_once, step_done or _nobody)
 
 
@@ -242,7 +242,7 @@ def _follow(procedure: Procedure, all_at_once: bool, step_done: Callable[[Step],
                 )
     ordered = tuple(steps.get(name) or _undone(name, _waits_for(name, steps)) for name in TO_DO)
     if failed:
-        _tell_undone(ordered, steps, step_done)
+        _report_undone(ordered, steps, step_done)
         raise failed[0]
     found = Characterisation(procedure.name, ordered, known, together)
     if together is None:
@@ -251,8 +251,8 @@ def _follow(procedure: Procedure, all_at_once: bool, step_done: Callable[[Step],
     return replace(found, joint=replace(together, fit=fit))
 
 
-def _tell_undone(ordered: Sequence[Step], done: Mapping[str, Step], step_done: Callable[[Step], None]) -> None:
-    """Tell the steps that were not carried out."""
+def _report_undone(ordered: Sequence[Step], done: Mapping[str, Step], step_done: Callable[[Step], None]) -> None:
+    """Report the steps that were not carried out."""
     for step in ordered:
         if step.name not in done:
             step_done(step)
@@ -264,8 +264,8 @@ def _undone(name: str, waits: str = "") -> Step:
 
 
 def _unusable(name: str, error: InputError) -> Step:
-    told = f"{error.where}: {error.message}" if error.where else error.message
-    findings = (Finding(error.code, "error", told, error.repair),)
+    message = f"{error.where}: {error.message}" if error.where else error.message
+    findings = (Finding(error.code, "error", message, error.repair),)
     return Step(name, TO_DO[name][0], "cannot be used", findings=findings, done=False)
 
 
@@ -321,7 +321,7 @@ def _of_sheet(found: Uncertain, probes: FourProbes, procedure: Procedure) -> Ste
 
 
 def _other_face(step: Step, procedure: Procedure, known: Mapping[str, Uncertain]) -> Step | None:
-    """The first step once more, when the second has told how well the membrane leads to the other face."""
+    """The first step once more, when the second has shown how well the membrane leads to the other face."""
     probes = procedure.sheet_resistance
     if not isinstance(probes, FourProbes) or probes.contacts != "line" or dc.NAME not in known:
         return None

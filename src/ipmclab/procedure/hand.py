@@ -62,7 +62,8 @@ def read_hand(
     positive : bool
         Whether it has to be above 0.
     assume : bool
-        Whether a usual uncertainty is taken where none is stated; else there is none beside the scatter of readings.
+        Whether a usual uncertainty is taken where none is stated; else there is none in addition to the scatter of
+        readings.
 
     Raises
     ------

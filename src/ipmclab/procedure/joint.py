@@ -1,4 +1,5 @@
-"""Everything at once, beside the steps: all runs in one fit, with what was measured by hand known beforehand."""
+"""Everything at once, in addition to the steps: all runs in one fit, with what was measured by hand known
+beforehand."""
 
 from __future__ import annotations
 
@@ -14,7 +15,7 @@ from ipmclab.identification.problem.unknowns import FARTHEST
 from ipmclab.measurement.uncertain import Uncertain
 from ipmclab.procedure import dc, density, push
 from ipmclab.procedure.coupling import NAMES as COUPLING
-from ipmclab.procedure.coupling import STATIC, as_far_as_seen
+from ipmclab.procedure.coupling import STATIC, as_far_as_determined
 from ipmclab.procedure.strip import GEOMETRY, OTHER_FITS, actuator_of, amounts_of_fit, branch_names
 from ipmclab.run import Finding, Run
 from ipmclab.sample import Sample
@@ -72,10 +73,10 @@ def joint(
     branches : int
     sample : Sample, optional
     """
-    seen = {channel for _, run in runs for channel in run.channels}
+    measured = {channel for _, run in runs for channel in run.channels}
     dimensions = _movable(staged)
     # Without the displacement nothing shows the density.
-    merely = [*dimensions, *([density.NAME] if "displacement" in seen else []), CONTACT]
+    merely = [*dimensions, *([density.NAME] if "displacement" in measured else []), CONTACT]
     priors = {
         key: _prior(staged[key], {} if key in dimensions else {one: staged[one] for one in dimensions})
         for key in (*by_hand, *merely)
@@ -94,7 +95,7 @@ def joint(
         FreeParameters(tuple(key for key in actuator.parameter_values if key in free), priors=priors),
         [label for label, _ in runs],
     )
-    found = amounts_of_fit(as_far_as_seen(fit), held, "all at once")
+    found = amounts_of_fit(as_far_as_determined(fit), held, "all at once")
     amounts = {key: one for key, one in found.determined.items() if key not in merely}
     static = found.product(STATIC)
     if static.uncertainty > DETERMINED * static.value:
@@ -105,12 +106,13 @@ def joint(
 def _movable(staged: Mapping[str, Uncertain]) -> list[str]:
     """The dimensions that a fit may move: not the two lengths where the strip could seem shorter than it is read at."""
     free, sensing = (staged[name] for name in _LENGTHS)
-    apart = free.value - sensing.value > FARTHEST * (free.uncertainty + sensing.uncertainty)
-    return [name for one in GEOMETRY if (name := f"geometry.{one}") not in _LENGTHS or apart]
+    too_far = free.value - sensing.value > FARTHEST * (free.uncertainty + sensing.uncertainty)
+    return [name for one in GEOMETRY if (name := f"geometry.{one}") not in _LENGTHS or too_far]
 
 
 def _prior(amount: Uncertain, dimensions: Mapping[str, Uncertain]) -> Prior:
-    """What is known of a number beside the dimensions from which it was computed, and how it moves with them."""
+    """What is known of a number in addition to the dimensions from which it was computed, and how it moves with
+    them."""
     follows = {
         name: amount.parts[source] / part
         for name, one in dimensions.items()

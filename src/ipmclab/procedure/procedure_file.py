@@ -38,13 +38,13 @@ from ipmclab.units import (
 )
 
 _GIVEN: Final = "value that was given"
-_MOST_BRANCHES: Final = 5  # no record tells more apart (convention; the thesis has 2)
+_MOST_BRANCHES: Final = 5  # no record distinguishes more (convention; the thesis has 2)
 
 T = TypeVar("T")
 
 
 def read_procedure(path: str | Path) -> Procedure:
-    """Read a procedure and the runs that it names, which lie beside it unless their path says otherwise.
+    """Read a procedure and the runs that it names, which are in the same folder unless their path says otherwise.
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ def procedure_from_text(text: str, *, where: str = "procedure", folder: Path | N
 
 
 class _Reader:
-    """Reads what stands at a key of one file."""
+    """Reads what is at a key of one file."""
 
     def __init__(self, where: str, folder: Path) -> None:
         self.where = where
@@ -312,7 +312,7 @@ def _sheet(table: SheetTable, reader: _Reader) -> FourProbes | Uncertain:
                 "sheet_resistance.resistance",
                 name="resistance",
                 source="meter",
-                # The offset of the meter is counted apart: nothing is assumed beside the scatter.
+                # The offset of the meter is counted separately: nothing is assumed in addition to the scatter.
                 assume=False,
             ),
             reader.hand(table.spacing, LENGTH, "sheet_resistance.spacing", name="spacing", source="spacing"),

@@ -17,14 +17,15 @@ from ipmclab.run import Finding
 IMPOSSIBLE: Final = "impossible-value"
 
 _SHARE: Final = 0.25
-"""Of a variance, from which on a reading that lies apart is told of: below it does not matter."""
+"""Of a variance, from which on a reading that lies far from the others is reported: below it does not matter."""
 
 
 def slip_in(amount: Uncertain) -> tuple[Written, str, float] | None:
-    """The readings with one that lies apart whose scatter matters to a number, the source and its share, or None."""
+    """The readings with one that lies far from the others whose scatter matters to a number, the source and its share,
+    or None."""
     for source, share in amount.shares.items():
         for name, written in amount.written.items():
-            if source == scatter_of(name) and share >= _SHARE and written.apart is not None:
+            if source == scatter_of(name) and share >= _SHARE and written.outlier is not None:
                 return written, source, share
     return None
 
@@ -39,12 +40,12 @@ def looked_over(step: Step, declared: Mapping[str, Parameter]) -> Step:
         They know what can be at all.
     """
     findings = list(step.findings)
-    told = set[str]()
+    reported = set[str]()
     for result in (*step.results.values(), *step.also.values()):
         found = slip_in(result.amount)
-        if found is None or (slip := found[0].slip()) is None or slip[0] in told:
+        if found is None or (slip := found[0].slip()) is None or slip[0] in reported:
             continue
-        told.add(slip[0])
+        reported.add(slip[0])
         findings.append(
             Finding(
                 "reading-apart",

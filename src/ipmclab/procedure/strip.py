@@ -28,7 +28,7 @@ OTHER_FITS: Final = "other fits that are as good"
 GEOMETRY: Final = ("free_length", "clamped_length", "width", "thickness", "sensing_length")
 
 _STANDS_IN: Final = "friend-2"
-"""Gives a value to what a step does not look at; nothing of it is ever told."""
+"""Gives a value to what a step does not look at; nothing of it is ever reported."""
 
 
 def branch_names(count: int) -> tuple[str, ...]:
@@ -67,7 +67,7 @@ def actuator_of(
 
 @dataclass(frozen=True, eq=False)
 class FittedAmounts:
-    """What a fit found, with what its own noise and everything that it was told contribute.
+    """What a fit found, with what its own noise and everything that it was given contribute.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ class FittedAmounts:
     assumed : frozenset of str
         Sources of which nobody stated the uncertainty.
     elsewhere : tuple of mapping of dotted name to float [SI]
-        The parameters of other fits that the readings do not tell from this one.
+        The parameters of other fits that the readings do not distinguish from this one.
     """
 
     fit: Fit
@@ -102,9 +102,9 @@ class FittedAmounts:
             for source, part in self.relative[name].items():
                 parts[source] = parts.get(source, 0.0) + power * part
         value = _product({name: one.value for name, one in self.fit.parameters.items()}, powers)
-        apart = max((abs(np.log(_product(other, powers) / value)) for other in self.elsewhere), default=0.0)
-        if apart > NORMAL_95 * np.linalg.norm(list(parts.values())):
-            parts[OTHER_FITS] = float(apart) / NORMAL_95
+        farthest = max((abs(np.log(_product(other, powers) / value)) for other in self.elsewhere), default=0.0)
+        if farthest > NORMAL_95 * np.linalg.norm(list(parts.values())):
+            parts[OTHER_FITS] = float(farthest) / NORMAL_95
         return Uncertain(value, {source: value * part for source, part in parts.items()}, self.assumed)
 
 
@@ -120,7 +120,7 @@ def amounts_of_fit(fit: Fit, held: Mapping[str, Uncertain], source: str) -> Fitt
     fit : Fit
         Of ``identify``, with everything that was held taken as exact; its free parameters are positive.
     held : mapping of dotted name to Uncertain
-        What it was told as fixed.
+        What it was given as fixed.
     source : str
         What the contribution of its noise, and of what was known beforehand, is called.
     """

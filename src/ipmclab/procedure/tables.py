@@ -1,4 +1,4 @@
-"""The tables of a procedure file as they stand there."""
+"""The tables of a procedure file as they are there."""
 
 from __future__ import annotations
 

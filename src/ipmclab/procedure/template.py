@@ -62,6 +62,6 @@ sensing_length = { value = "21 mm", standard_uncertainty = "0.2 mm" }   # where 
 # [coupling]
 # runs = ["force-step.nc", "force-sine.nc"]
 
-# A number from elsewhere stands in place of steps 1, 2, 4 and 5:
+# A number from elsewhere can replace steps 1, 2, 4 and 5:
 #     value = { value = "1.33 ohm/sq", standard_uncertainty = "0.02 ohm/sq" }
 """

@@ -30,7 +30,7 @@ class SetOfNumbers:
     displacement, force : float [m, N]
         Largest within 5 s of the step.
     drift : float
-        By which part of it the displacement goes on rising from 5 s to 40 s.
+        By which part of it the displacement continues rising from 5 s to 40 s.
     sine : float [m]
         Amplitude of the displacement at 0.1 Hz.
     square_force : float [N]

@@ -1,6 +1,6 @@
 """A folder of runs, fits and tables as an RO-Crate: a zip file whose metadata say what each file is (RO-Crate 1.1).
 
-RO-Crate (https://w3id.org/ro/crate) is what repositories of data read: schema.org in JSON-LD beside the files.
+RO-Crate (https://w3id.org/ro/crate) is what repositories of data read: schema.org in JSON-LD next to the files.
 """
 
 from __future__ import annotations
@@ -116,7 +116,7 @@ def export_crate(
     items = inventory(Path(folder))
     keep_what_is_read(target, [one.path for one in items])
     make = _library()
-    # Beside its destination: a crate of many runs may be larger than what the system has for temporary files.
+    # Next to its destination: a crate of many runs may be larger than what the system has for temporary files.
     hidden = f".{target.name}."
     with (
         replacing(target, overwrite=overwrite) as temporary,
@@ -151,7 +151,7 @@ def _with_tables(items: Sequence[Item], place: Path) -> list[Item]:
         path.write_text(text, encoding="utf-8", newline="")
         if name in taken and checksum(taken[name].path) != checksum(path):
             raise InputError(
-                "this table is not that of the runs in its folder, and one of these runs stands there in a crate",
+                "this table is not that of the runs in its folder, and one of these runs is there in a crate",
                 code="another-table",
                 where=str(taken[name].path),
                 repair="move it away, or give it another name",

@@ -48,7 +48,7 @@ _ODD: Final = re.compile(r"[\x00-\x1f\x7f\\\ud800-\udfff]")
 
 @dataclass(frozen=True, eq=False)
 class RunFacts:
-    """What is published of a run beside its file: its arrays are let go, so that a folder may hold thousands.
+    """What is published of a run in addition to its file: its arrays are let go, so that a folder may hold thousands.
 
     Parameters
     ----------

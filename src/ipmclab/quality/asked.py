@@ -19,5 +19,5 @@ def asked_beyond(record: Record) -> list[Finding]:
     record shows that itself.
     """
     about = record.run.metadata
-    told = [one for one in about.findings if one.effect == "none" and (about.origin == "simulated" or one.code in DONE)]
-    return [replace(finding, samples=()) for finding in told]
+    own = [one for one in about.findings if one.effect == "none" and (about.origin == "simulated" or one.code in DONE)]
+    return [replace(finding, samples=()) for finding in own]

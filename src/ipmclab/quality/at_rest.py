@@ -10,16 +10,16 @@ import numpy as np
 from ipmclab.quality.record import NO_VOLTAGE, Channel, Record
 from ipmclab.run import Finding, FloatArray
 
-_FEWEST: Final = 20
-_STANDARD_ERRORS: Final = 5.0
+_FEWEST: Final = 20  # rows at 0 V of which a mean is taken (convention)
+_STANDARD_ERRORS: Final = 5.0  # standard errors: one in 1.7 million by chance (convention)
 _SHARE: Final = 1e-3
-"""A change of the current by less than this share of its range is none."""
+"""A change of the current by less than this share of its range is none (convention)."""
 
 
 def not_at_rest(record: Record) -> list[Finding]:
     """``not-at-rest``: before the voltage first moves, the current falls towards zero, as that of a discharge does.
 
-    A sensor's zero stands still; what moves at 0 V is the strip. The means of the first and the last fifth of the rows
+    A sensor's zero does not move; what moves at 0 V is the strip. The means of the first and the last fifth of the rows
     must differ by five standard errors, two steps of the converter and a thousandth of the range.
     """
     current = record.channels.get("current")
@@ -54,19 +54,19 @@ def _error(readings: FloatArray) -> float:
 
 
 def _wait(begins: float, ends: float, doubt: float, between: float) -> float:
-    """How long [s] it takes, at the present pace of the decay, until nothing is seen of it; it slows down, too."""
+    """How long [s] it takes, at the present pace of the decay, until nothing of it is visible; it slows down, too."""
     if ends * begins <= 0.0 or abs(ends) <= doubt:
         return between
     return between / math.log(begins / ends) * math.log(abs(ends) / doubt)
 
 
-def _finding(told: str, wait: float | None, stop: int) -> Finding:
+def _finding(message: str, wait: float | None, stop: int) -> Finding:
     longer = "longer" if wait is None else f"{_rounded_up(wait):g} s longer or more"
     return Finding(
         code="not-at-rest",
         severity="warning",
         channel="current",
-        message=f"{told}: the strip was not at rest, it still discharged",
+        message=f"{message}: the strip was not at rest, it still discharged",
         repair=(
             f"let it rest {longer} at 0 V before such a run (`pause` in the experiment file) and record it again; "
             "nothing is taken off this channel as a sensor's zero"

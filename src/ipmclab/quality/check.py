@@ -17,7 +17,7 @@ from ipmclab.quality.limits import clipping, possible_range_limit, range_limits
 from ipmclab.quality.lost import flagged_rows, lost_readings
 from ipmclab.quality.record import Record
 from ipmclab.quality.response import no_excitation, nothing_but_noise, opposite_response
-from ipmclab.quality.ringing import predicted_ringing, seen_ringing
+from ipmclab.quality.ringing import measured_ringing, predicted_ringing
 from ipmclab.quality.rising import rising_current
 from ipmclab.quality.sampling import sampling
 from ipmclab.quality.scale import without_consequences, wrong_scales
@@ -50,10 +50,10 @@ _CHECKS: Final[tuple[Callable[[Record], list[Finding]], ...]] = (
     rising_current,
     before_step,
     not_at_rest,
-    seen_ringing,
+    measured_ringing,
     asked_beyond,
 )
-_ORDER: Final = {"error": 0, "warning": 1, "info": 2}
+_ORDER: Final = {"error": 0, "warning": 1, "info": 2}  # the order in which findings are listed (convention)
 
 
 def check(run: Run, actuator: Actuator | None = None) -> tuple[Finding, ...]:
@@ -84,7 +84,7 @@ def check(run: Run, actuator: Actuator | None = None) -> tuple[Finding, ...]:
 
 
 def check_record(record: Record, actuator: Actuator | None = None) -> tuple[Finding, ...]:
-    """``check``, for a caller that goes on to use what it computes of the record."""
+    """``check``, for a caller that continues to use what it computes of the record."""
     found = list(kept(record.run, "check", lambda: _checked(record)))
     if actuator is not None:
         found += predicted_ringing(record, actuator)

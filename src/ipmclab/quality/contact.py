@@ -10,12 +10,12 @@ import numpy as np
 from ipmclab.quality.record import GUARD_ROWS, Channel, Record
 from ipmclab.run import Finding
 
-_SHORTEST: Final = 8
-_LATE: Final = 5
+_SHORTEST: Final = 8  # rows: a shorter stretch is not judged (convention)
+_LATE: Final = 5  # rows: a current that flows that soon after an edge flows at once (convention)
 _BEFORE: Final = 100
-"""Rows before an edge whose mean is the current that flowed until then."""
+"""Rows before an edge whose mean is the current that flowed until then (a limit)."""
 _SURELY: Final = 8.0
-"""Standard errors by which the mean current of a stretch must differ from that before to be a current."""
+"""Standard errors by which the mean current of a stretch must differ from that before to be a current (convention)."""
 
 
 def missing_contact(record: Record) -> list[Finding]:
@@ -66,7 +66,7 @@ def _judge(record: Record, channel: Channel, place: int, before: float, least: f
     count = came - edge
     seconds = float(record.run.time[min(came, len(record) - 1)] - record.run.time[edge])
     until = f"until {record.at(came)}" if came < end else "until the voltage changes again or the record ends"
-    begins = f"stands at {record.run.voltage[0]:.4g} V" if edge == 0 else f"steps by {record.heights[place]:.4g} V"
+    begins = f"is at {record.run.voltage[0]:.4g} V" if edge == 0 else f"steps by {record.heights[place]:.4g} V"
     return Finding(
         code="contact-missing",
         severity="error",

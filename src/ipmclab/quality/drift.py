@@ -10,8 +10,8 @@ from ipmclab.quality.record import Channel, Record
 from ipmclab.run import Finding, FloatArray
 from ipmclab.units import CHANNELS
 
-_FEWEST: Final = 20
-_STANDARD_ERRORS: Final = 5.0
+_FEWEST: Final = 20  # rows at 0 V through which a line is drawn (convention)
+_STANDARD_ERRORS: Final = 5.0  # standard errors: one in 1.7 million by chance (convention)
 
 
 def before_step(record: Record) -> list[Finding]:
@@ -45,7 +45,7 @@ def before_step(record: Record) -> list[Finding]:
 
 
 def _variance(residuals: FloatArray) -> float:
-    """Variance of residuals, as large as it counts for their mean: neighbours that are alike tell less."""
+    """Variance of residuals, as large as it counts for their mean: neighbours that are alike have less information."""
     power = float(residuals.dot(residuals))
     if power == 0.0:
         return 0.0

@@ -12,19 +12,21 @@ import numpy as np
 from ipmclab.quality.record import GUARD_ROWS, Channel, IntArray
 from ipmclab.run import FloatArray
 
-_FEWEST: Final = 7
-_WIDEST: Final = 2000
-_GROWTH: Final = 1.3
+_FEWEST: Final = 7  # readings: a parabola takes three, and four show whether it fits (convention)
+_WIDEST: Final = 2000  # rows on either side of an extreme: a limit
+_GROWTH: Final = 1.3  # ratio of one half-width to the next (convention)
 _BENT: Final = 12.0
-"""Chi-square with two degrees of freedom at which a curve is no parabola: 99.75 %."""
+"""Chi-square with two degrees of freedom at which a curve is no parabola: 99.75 % (derived: exp(-6) is left beyond
+it)."""
 _EQUAL: Final = 1e-6
-"""Share by which distances of rows may differ and count as equal."""
+"""Share by which distances of rows may differ and count as equal (convention)."""
 
-_CANDIDATES: Final = 20
-_CLIMBS: Final = 5
+_CANDIDATES: Final = 20  # extremes that are looked at: a limit
+_CLIMBS: Final = 5  # steps to a higher top next to it: a limit
 
 _UNSEEN: Final = 1.15
-"""What the bend that the test does not see adds to the standard error (by simulation)."""
+"""What the bend that the test does not see adds to the standard error (by simulation) (measured once by simulation;
+no benchmark repeats it)."""
 
 HOW: Final = (
     "Where the channel is noisy this is no single reading but the top of the parabola through the readings around it: "
@@ -46,7 +48,7 @@ class Extreme:
 
 
 def breaks_of(channel: Channel, values: FloatArray, edges: IntArray) -> IntArray:
-    """Rows at which a channel starts anew: where its readings jump beside a voltage edge.
+    """Rows at which a channel starts again: where its readings jump next to a voltage edge.
 
     A current jumps with the voltage even where its noise hides it; displacement and force run on.
     """
@@ -97,9 +99,9 @@ def highest(
         row = int(left.argmax())
         if best is not None and left[row] <= best.value:
             break
-        top, seen = _climb(channel.noise, time, values, breaks, row, len(left), even=even)
+        top, span = _climb(channel.noise, time, values, breaks, row, len(left), even=even)
         left[row] = -math.inf
-        left[seen] = -math.inf
+        left[span] = -math.inf
         found.append(top)
         best = max(found, key=lambda extreme: extreme.value - extreme.error)
     return _without_luck(best, found) if best else reading
@@ -117,9 +119,9 @@ def _without_luck(best: Extreme, found: list[Extreme]) -> Extreme:
 def _climb(
     noise: float, time: FloatArray, values: FloatArray, breaks: IntArray, row: int, before: int, *, even: bool
 ) -> tuple[Extreme, slice]:
-    """The top that a row leads to, and the rows that it speaks for; ``even`` tells of equal distances and no gap."""
+    """The top that a row leads to, and the rows that it represents; ``even`` for equal distances and no gap."""
     found = Extreme(row, float(values[row]), noise)
-    seen = slice(row, row + 1)
+    span = slice(row, row + 1)
     for _ in range(_CLIMBS):
         place = int(np.searchsorted(breaks, row, side="right"))
         start = int(breaks[place - 1]) if place else 0
@@ -127,7 +129,7 @@ def _climb(
         wide = _widest(noise, time, values, row, start, stop, even=even)
         if wide is None:
             break
-        seen = wide
+        span = wide
         half = max(1, (wide.stop - 1 - row) // 2, (row - wide.start) // 2)
         low, high = max(start, row - half), min(stop, row + half + 1)
         rows = low + np.flatnonzero(np.isfinite(values[low:high]))
@@ -146,7 +148,7 @@ def _climb(
         if abs(found.row - row) < max(reach, 1):
             break
         row = found.row
-    return found, seen
+    return found, span
 
 
 def _widest(

@@ -1,4 +1,4 @@
-"""A response whose rate jumps while the voltage stands: no smooth model follows it."""
+"""A response whose rate jumps while the voltage is constant: no smooth model follows it."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ from ipmclab.run import Finding, FloatArray
 from ipmclab.units import CHANNELS
 
 RATE_ROWS: Final = 10
-"""Rows through which a rate is taken."""
+"""Rows through which a rate is taken (convention)."""
 
-_LEAST: Final = 10.0
-_OVER_BEFORE: Final = 3.0
-_SHORTEST: Final = 12 * RATE_ROWS
-_FADED: Final = 0.1
+_LEAST: Final = 10.0  # times the usual change of the rate that a kink has (convention)
+_OVER_BEFORE: Final = 3.0  # times the largest change before it that a kink has (convention)
+_SHORTEST: Final = 12 * RATE_ROWS  # rows at one voltage: twelve rates (convention)
+_FADED: Final = 0.1  # part of the kink: a rate that near to the usual one has returned (convention)
 
 
 def rate_jumps(record: Record) -> list[Finding]:
     """``rate-jump``: the rate of displacement or force jumps at constant voltage.
 
-    The slope of a straight line through ten rows is held against that through the ten rows before. Their difference
+    The slope of a straight line through ten rows is compared with that through the ten rows before. Their difference
     must exceed ten robust standard deviations of such differences on the stretch, and three times the largest of
     them on the second half of the time that has passed since the voltage edge: what answers to an edge bends less
     and less. A jump of the reading itself is a slip, not this. The rows from there until the rate has faded to a
-    tenth of its jump are left out; a rate that stays is only told.
+    tenth of its jump are left out; a rate that stays is only reported.
     """
     found = []
     for channel in record.channels.values():

@@ -11,12 +11,12 @@ from ipmclab.quality.noise import noise_of_readings, runs_of_true
 from ipmclab.quality.record import NO_VOLTAGE, BoolArray, Channel, IntArray, Record, counted, ranges_of
 from ipmclab.run import QUALITY_FLAGS, Effect, Finding
 
-_NEAR_LIMIT: Final = 0.02
-_ROUND: Final = (1.0, 2.0, 5.0, 10.0)
-_FEWEST_QUANTA: Final = 30.0
+_NEAR_LIMIT: Final = 0.02  # part of the end of a range: a reading that near is at it (convention)
+_ROUND: Final = (1.0, 2.0, 5.0, 10.0)  # leading digits of the ends of usual ranges (convention)
+_FEWEST_QUANTA: Final = 30.0  # steps of the converter: a smaller signal is flat for its steps (convention)
 _AROUND: Final = 30
-"""Rows on either side of a flat top that show how noisy it is there."""
-_CHANCE: Final = 1e-2
+"""Rows on either side of a flat top that show how noisy it is there (convention)."""
+_CHANCE: Final = 1e-2  # chance that noise alone makes such a flat top (convention)
 
 
 def clipping(record: Record) -> list[Finding]:
@@ -25,7 +25,7 @@ def clipping(record: Record) -> list[Finding]:
     A flat top is a run of at least three rows (four where stale readings repeat) at exactly the
     largest or smallest reading that the noise around it would not repeat so often, or that is entered and left more
     abruptly than a smooth top of rounded readings. An end at an edge of the voltage or of the
-    record says nothing. The voltage is flat by its nature: of it only flagged rows are told.
+    record says nothing. The voltage is flat by its nature: of it only flagged rows are reported.
     """
     found = []
     for channel in (*record.channels.values(), record.voltage):
@@ -97,7 +97,7 @@ def possible_range_limit(record: Record) -> list[Finding]:
                 severity="warning",
                 channel=channel.name,
                 message=(
-                    f"the largest reading, {channel.show(extreme)} at {record.at(rows[0])}, stands at {limit}: "
+                    f"the largest reading, {channel.show(extreme)} at {record.at(rows[0])}, is at {limit}: "
                     "the instrument may have cut the true peak"
                 ),
                 repair="the reading is kept as inrush; find out the range of the instrument and state it in the run",
@@ -149,8 +149,8 @@ def _is_cut(record: Record, channel: Channel, start: int, stop: int, extreme: fl
     last = len(record) - 1
     abrupt = [
         bool(abs(channel.readings[row] - extreme) >= least)
-        for row, beside in ((start - 2, start), (stop + 1, stop))
-        if 0 <= row <= last and not record.near_edge[min(beside, last)]
+        for row, neighbour in ((start - 2, start), (stop + 1, stop))
+        if 0 <= row <= last and not record.near_edge[min(neighbour, last)]
     ]
     return bool(abrupt) and all(abrupt)
 

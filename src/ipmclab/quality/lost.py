@@ -12,8 +12,8 @@ def lost_readings(record: Record) -> list[Finding]:
     """``laser-lost`` for the displacement, ``reading-missing`` for the others.
 
     Rows count that are NaN, that the importer marked as sentinel or missing, that hold one
-    far value exactly and repeatedly, and far values beside such rows. Of the voltage rows are
-    told in which the recorder had to put another number.
+    far value exactly and repeatedly, and far values next to such rows. Of the voltage rows are
+    reported in which the recorder had to put another number.
     """
     found = [_no_reading_at_all(record, name) for name in record.empty]
     found += [_lost(record, channel) for channel in record.channels.values() if channel.missing is not None]
@@ -98,8 +98,8 @@ def _filled(record: Record, rows: IntArray) -> Finding:
         severity="warning",
         channel="voltage",
         message=(
-            f"the voltage was not read in {counted(len(rows), 'row')}, the first {record.at(rows[0])}: what was "
-            "commanded stands there, or the last reading"
+            f"the voltage was not read in {counted(len(rows), 'row')}, the first {record.at(rows[0])}: "
+            "the commanded voltage takes its place, or the last reading"
         ),
         repair="look at the wiring and the range of the channel; see whether the current there is that of this voltage",
         samples=ranges_of(rows),

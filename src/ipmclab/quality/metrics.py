@@ -20,12 +20,12 @@ from ipmclab.quality.usable import noise_only, unmasked
 from ipmclab.run import Finding, FloatArray, Run
 from ipmclab.units import CHANNELS
 
-_HARMONICS: Final = 5
-_FALLEN: Final = 0.02
-_SETTLING: Final = 0.25
-_FEWEST: Final = 50
-_REST_ROWS: Final = 25
-_SHOWN: Final = 5  # rows at rest, from which on they tell the zero
+_HARMONICS: Final = 5  # of the fundamental, which are reported (convention)
+_FALLEN: Final = 0.02  # part of the largest value so far that a first peak has to fall (convention)
+_SETTLING: Final = 0.25  # part of the record after the edge that the steady value leaves out (convention)
+_FEWEST: Final = 50  # rows from which a steady value is read (convention)
+_REST_ROWS: Final = 25  # rows before the first voltage whose mean is the zero (convention)
+_SHOWN: Final = 5  # rows at rest from which on they show the zero (convention)
 
 _FROM_REST: Final = (
     "Deviations are from the reading at rest: the mean of the last 25 rows before the voltage first leaves zero "
@@ -75,8 +75,8 @@ class _Response:
 def measure(run: Run, findings: Sequence[Finding] | None = None) -> tuple[Metric, ...]:
     """The metrics that a run allows, channel by channel.
 
-    A voltage that jumps and stands gives the peak at the first edge, the time to it and, where the
-    response comes back, the back relaxation after it; one that stands to the end of the record
+    A voltage that jumps and then is constant gives the peak at the first edge, the time to it and, where the
+    response comes back, the back relaxation after it; one that is constant to the end of the record
     gives the steady value and the mean of the last tenth. A periodic voltage gives amplitude,
     phase and harmonics 2 to 5; a square gives the current at the end of a half period. Every run
     gives the largest deviation from rest. Rows that ``check`` masks are left out, and so is a channel in

@@ -11,13 +11,13 @@ import numpy.typing as npt
 from ipmclab.run import FloatArray
 
 _NORMS: Final = {order: math.sqrt(math.comb(2 * order, order)) for order in (2, 4, 6, 8)}
-"""Norm of the coefficients of a difference of that order."""
+"""Norm of the coefficients of a difference of that order (derived)."""
 
 STALE_EXCESS: Final = 0.03
-"""Repeats beyond those that rounding explains, as a fraction of the rows, that count as stale readings."""
+"""Repeats beyond those that rounding explains, as a fraction of the rows, that count as stale readings (convention)."""
 
-_FEWEST: Final = 50
-_MUCH: Final = 0.3
+_FEWEST: Final = 50  # differences from which a noise is read (convention)
+_MUCH: Final = 0.3  # part of the differences that are zero: then readings were repeated (convention)
 
 
 def noise_level(values: npt.ArrayLike) -> float:
@@ -161,17 +161,17 @@ def _spread(differences: FloatArray, quantum: float) -> float:
     """Root mean square of the differences without the outliers that jumps and spikes leave in them."""
     size = np.abs(differences)
     largest = size.max()
-    spread = _typical(size) / 0.6745  # a first guess that the loop refines
+    level = _typical(size) / 0.6745  # a first guess that the loop refines
     for _ in range(3):
-        limit = 4.0 * spread + 2.0 * quantum
+        limit = 4.0 * level + 2.0 * quantum
         if largest <= limit:
             return math.sqrt(float(differences.dot(differences)) / len(differences))
         kept = differences[size <= limit]
         found = math.sqrt(float(kept.dot(kept)) / len(kept)) if len(kept) else 0.0
-        if found >= 0.98 * spread:
+        if found >= 0.98 * level:
             return found
-        spread = found
-    return float(spread)
+        level = found
+    return float(level)
 
 
 def _typical(sizes: FloatArray) -> float:

@@ -14,7 +14,8 @@ from ipmclab.run import FloatArray, Run
 from ipmclab.units import CHANNELS
 
 _OPPOSITE: Final = 0.05
-"""Share of the largest voltage by which the voltages may fail to be opposite: noise, and steps of the converter."""
+"""Share of the largest voltage by which the voltages may fail to be opposite: noise, and steps of the converter
+(convention)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +56,7 @@ class PairedRuns:
 
 
 def pair(plus: Run, minus: Run) -> PairedRuns:
-    """Take two runs apart that were recorded with a signal and with its reverse.
+    """Separate two runs that were recorded with a signal and with its reverse.
 
     Parameters
     ----------

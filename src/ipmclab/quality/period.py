@@ -10,7 +10,7 @@ from ipmclab.errors import InputError
 from ipmclab.quality.record import NO_VOLTAGE
 from ipmclab.run import FloatArray, Run
 
-_EQUAL: Final = 0.02
+_EQUAL: Final = 0.02  # part of the mean period by which periods may differ (convention)
 
 
 def period_of(run: Run) -> float | None:
@@ -46,19 +46,19 @@ def periodic_part(run: Run) -> tuple[float, int] | None:
     length = float(run.time[-1] - run.time[0]) * rows / (rows - 1)
     named = _named(run.metadata.signal, length)
     if named is None:
-        return _seen_part(run)
+        return _observed_part(run)
     period, begin, end = named
     return None if begin + period > end * (1.0 + 1e-9) else (period, round(end / length * rows))
 
 
-def _seen_part(run: Run) -> tuple[float, int] | None:
+def _observed_part(run: Run) -> tuple[float, int] | None:
     """``periodic_part`` by the voltage alone."""
     driven = np.flatnonzero(np.abs(run.voltage) >= NO_VOLTAGE)
     period = _seen(run.time, run.voltage) if len(driven) else None
     if period is None:
         return None
     end = int(driven[-1]) + 1
-    # A square of 0 and 1 V stands at 0 V for half a period: only what is longer than any such stretch is a rest.
+    # A square of 0 and 1 V is at 0 V for half a period: only what is longer than any such stretch is a rest.
     return period, end if len(run) - end > int(np.diff(driven).max(initial=1)) else len(run)
 
 

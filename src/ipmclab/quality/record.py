@@ -22,16 +22,16 @@ RESPONSES: Final = ("current", "displacement", "force")
 """The measured channels that answer to the voltage."""
 
 GUARD_ROWS: Final = 3
-"""Rows before and after a voltage edge in which a jump or a peak is the edge's own."""
+"""Rows before and after a voltage edge in which a jump or a peak is the edge's own (convention)."""
 
 NO_VOLTAGE: Final = 0.01
-"""A voltage [V] that never leaves this band is no excitation."""
+"""A voltage [V] that never leaves this band is no excitation (convention)."""
 
-_SENTINEL_REPEATS: Final = 3
+_SENTINEL_REPEATS: Final = 3  # equal extreme readings, of which fewer are no stated sentinel (convention)
 
 _INRUSH: Final = 10.0
-"""Standard deviations of the noise by which an inrush stands out."""
-_STANDS: Final = 0.25
+"""Standard deviations of the noise by which an inrush stands out (convention)."""
+_STANDS: Final = 0.25  # part of the record that the first stretch has to last to be judged (convention)
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +48,7 @@ class Channel:
     sentinels : int
         How many of the missing rows held a sentinel.
     beyond : float array
-        The values of missing rows that were no sentinel but lay far out beside one.
+        The values of missing rows that were no sentinel but lay far out next to one.
     edges : int array, optional
         Rows at which the voltage jumps.
     """
@@ -194,9 +194,10 @@ class Record:
 
     @cached_property
     def begins_under_voltage(self) -> bool:
-        """Whether the voltage stands from row 0 on, for a quarter of the record, and nothing says that it began there.
+        """Whether the voltage is constant from row 0 on, for a quarter of the record, and nothing says that it began
+        there.
 
-        A run that states its rest says so, and a current of which one of the first rows stands beside the median of the
+        A run that states its rest says so, and a current of which one of the first rows differs from the median of the
         stretch by ten standard deviations of its noise and by that median itself. Without a current, a known hold
         counts as such a statement.
         """
@@ -366,16 +367,16 @@ def _raw_sentinels(readings: FloatArray, finite: BoolArray, edges: IntArray) -> 
 
 
 def _beyond(readings: FloatArray, missing: BoolArray) -> IntArray:
-    """Readings beside missing ones that lie further out than the whole range of the others."""
+    """Readings next to missing ones that lie further out than the whole range of the others."""
     others = readings[~missing]
     low, high = np.percentile(others, (1.0, 99.0))
     reach = high - low
     with np.errstate(invalid="ignore"):
         far = ~missing & ((readings < low - reach) | (readings > high + reach))
-    beside = missing.copy()
+    near_missing = missing.copy()
     for _ in range(GUARD_ROWS):
-        grown = beside.copy()
-        grown[1:] |= beside[:-1]
-        grown[:-1] |= beside[1:]
-        beside = missing | (grown & far)
-    return np.flatnonzero(beside & ~missing)
+        grown = near_missing.copy()
+        grown[1:] |= near_missing[:-1]
+        grown[:-1] |= near_missing[1:]
+        near_missing = missing | (grown & far)
+    return np.flatnonzero(near_missing & ~missing)

@@ -10,12 +10,12 @@ import numpy as np
 from ipmclab.quality.record import Channel, Record
 from ipmclab.run import Finding
 
-_BLOCKS: Final = 50
-_WINDOWS: Final = (5, 20, 80, 320)
+_BLOCKS: Final = 50  # means of a record that are compared (convention)
+_WINDOWS: Final = (5, 20, 80, 320)  # rows of moving means, each four times the last (convention)
 _SURELY: Final = 8.0
-"""Standard errors by which the mean of a current differs from zero that is none of its noise."""
+"""Standard errors by which the mean of a current differs from zero that is none of its noise (convention)."""
 _SLOW: Final = 0.2
-"""Below this frequency [Hz] an actuator follows the voltage with less than 135 degrees of lag."""
+"""Below this frequency [Hz] an actuator follows the voltage with less than 135 degrees of lag (convention)."""
 
 
 def no_excitation(record: Record) -> list[Finding]:
@@ -97,7 +97,7 @@ def opposite_response(record: Record) -> list[Finding]:
                     )
                     + (", as the reversed polarity of the run explains" if reversed_drive else "")
                 ),
-                repair="turn the sign of this channel (or of the voltage) in the import map or the rig file",
+                repair="reverse the sign of this channel (or of the voltage) in the import map or the rig file",
             )
         )
     return found
@@ -115,10 +115,10 @@ def _is_noise(record: Record, channel: Channel) -> bool:
         return False  # one that has settled
     rows = len(values) // _BLOCKS
     means = centred[: rows * _BLOCKS].reshape(_BLOCKS, rows).mean(axis=1)
-    spread = float(np.ptp(means))
-    if spread > max(6.0 * channel.noise / math.sqrt(rows), 2.0 * quantum):
+    range_of_means = float(np.ptp(means))
+    if range_of_means > max(6.0 * channel.noise / math.sqrt(rows), 2.0 * quantum):
         return False
-    if spread <= 2.0 * quantum:
+    if range_of_means <= 2.0 * quantum:
         return True
     voltage = record.run.voltage[channel.rows]
     # A fast response is late by up to a quarter of a period: then it goes with the slope of the voltage.

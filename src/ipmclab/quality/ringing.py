@@ -13,11 +13,11 @@ from ipmclab.run import Finding
 if TYPE_CHECKING:
     from ipmclab.model import Actuator
 
-_ROWS: Final = 20
-_SIGNIFICANT: Final = 8.0
+_ROWS: Final = 20  # rows after an edge that are looked at (convention)
+_SIGNIFICANT: Final = 8.0  # standard deviations: beyond any noise (convention)
 
 
-def seen_ringing(record: Record) -> list[Finding]:
+def measured_ringing(record: Record) -> list[Finding]:
     """``resonance-may-alias``: the displacement rings after edges of the voltage.
 
     The second differences of the rows after the edges (averaged over the edges, each with its
@@ -45,7 +45,7 @@ def seen_ringing(record: Record) -> list[Finding]:
         return []
     angle = math.acos(max(-1.0, min(1.0, 0.5 * a / math.sqrt(-b))))
     if angle < math.pi / 8.0:
-        return []  # sixteen rows to a period: seen as it is
+        return []  # sixteen rows to a period: visible as it is
     rate = 1.0 / record.period
     apparent = angle / (2.0 * math.pi) * rate
     amplitude = float(np.abs(bend).max()) / (4.0 * math.sin(angle / 2.0) ** 2) * float(np.abs(heights).max())

@@ -10,8 +10,8 @@ import numpy as np
 from ipmclab.quality.record import Record
 from ipmclab.run import Finding
 
-_BLOCKS: Final = 40
-_SHORTEST: Final = 200
+_BLOCKS: Final = 40  # means of a stretch that are compared (convention)
+_SHORTEST: Final = 200  # rows: five in each mean (convention)
 
 
 def rising_current(record: Record) -> list[Finding]:

@@ -5,7 +5,7 @@ A strip answers in proportion to its voltage and its dimensions:
 * current per volt and area of a face, I / (V A);
 * strain of the surface per volt, d h / (L_s^2 V), where the voltage is what is left of it behind a lag of 1 s;
 * stress per volt, F L_s / (w h^2 V), with the same voltage (a bent plate: F = Y w h^2 strain / (4 L_s));
-* the time in which its fastest answer that is seen settles: of all first-order lags of the voltage, the one that
+* the time in which its fastest observed answer settles: of all first-order lags of the voltage, the one that
   explains most, in the whole record after the first edge and in its first quarter, sixteenth, ...; the shortest counts.
 
 ``KNOWN`` has the least and the most of each over the strips that are known: the seven samples of Friend's thesis
@@ -41,24 +41,29 @@ KNOWN: Final[Mapping[str, tuple[float, float]]] = {
     "force": (3.8e3, 3.4e5),  # Pa/V: sample 4 under 1 Hz; sample 2 under a square
     TIME: (0.067, 8.4),  # s: sample 1 under 3 V; sample 7, where no current is read
 }
-"""Least and most that known strips show; ``tests/quality/test_scale.py`` finds them again."""
+"""Least and most that known strips show; ``tests/quality/test_scale.py`` finds them again (derived from the strips
+that are named)."""
 
 _LEAST: Final[Mapping[str, float]] = {"current": 5.0, "displacement": 3.5e-5, "force": 1.5e3, TIME: 0.02}
 """What is just believed, and a thousand times this is the most: between a thousandth of the most that is known and the
-least, about a factor of 2 from both, so that a unit that is off always lies outside."""
-_FACTOR: Final = 1000.0
+least, about a factor of 2 from both, so that a unit that is off always lies outside (derived from ``KNOWN``)."""
+_FACTOR: Final = 1000.0  # ratio of the most to the least: a unit that is off by a prefix (derived)
 _SLOWEST: Final = 60.0
-"""Seconds in which a strip may settle: slow ones are more likely than a wrong unit up to a thousand times the least."""
-_SLOW: Final = 1.0  # s
+"""Seconds in which a strip may settle: slow ones are more likely than a wrong unit up to a thousand times the least
+(convention)."""
+_SLOW: Final = 1.0  # s: the lag behind which a voltage counts for a motion (convention)
 _LEFT: Final = 0.1
-"""Share of the voltage that must be left behind the lag for a motion to be missed: faster ones hardly move a strip."""
-_FEWEST_ROWS: Final = 100
-_BINS: Final = 250
-_LAGS: Final = 12
+"""Share of the voltage that must be left behind the lag for a motion to be missed: faster ones hardly move a strip
+(convention)."""
+_FEWEST_ROWS: Final = 100  # rows from which a time is read (convention)
+_BINS: Final = 250  # means of a record in which times are looked for: a limit
+_LAGS: Final = 12  # times that are tried (convention)
 _EXPLAINED: Final = {"current": 0.5, "displacement": 0.9, "force": 0.9}
-"""Share of the variance that one lag must explain for its time to count; drift and glitches leave less of it."""
+"""Share of the variance that one lag must explain for its time to count; drift and glitches leave less of it
+(convention)."""
 _OWN_SHARE: Final = 0.02
-"""Share of the variance that the lag must explain beside a voltage that a current follows: a resistor has no time."""
+"""Share of the variance that the lag must explain in addition to a voltage that a current follows: a resistor has no
+time (convention)."""
 _WAS_READ_AS: Final = {
     "current": ("mA", "A"),
     "displacement": ("mm", "m"),
@@ -67,7 +72,7 @@ _WAS_READ_AS: Final = {
 }
 _NAMES: Final = {"L": "sensing_length", "h": "thickness", "w": "width", "F": "free_length", "C": "clamped_length"}
 _USUAL: Final = {"L": 21e-3, "h": 0.245e-3, "w": 5e-3, "F": 25e-3, "C": 5e-3}
-"""Of the strips of the thesis [m]."""
+"""Of the strips of the thesis [m] (convention)."""
 
 
 _OF_THE_CLOCK: Final = frozenset({"response-opposite", "resonance-aliased", "resonance-may-alias"})
@@ -76,7 +81,7 @@ _OF_A_SCALE: Final = frozenset({"resonance-aliased", "resonance-may-alias"})
 
 
 @dataclass(frozen=True)
-class Seen:
+class Scales:
     """What a record shows of its scales; a quantity that it does not show is left out.
 
     Parameters
@@ -107,19 +112,19 @@ def wrong_scales(record: Record, noise_only: frozenset[str], actuator: Actuator 
     """
     if not record.excited:
         return []
-    seen = kept(record.run, "scales", lambda: seen_in(record, noise_only))
+    scales = kept(record.run, "scales", lambda: scales_of(record, noise_only))
     geometry = per_dimensions(actuator)
     if record.shows_no_edge:
         # What is left of an answer says of neither its size nor its speed how large it was.
-        rest = replace(seen, hidden=frozenset(record.channels))
+        rest = replace(scales, hidden=frozenset(record.channels))
         return _off(record, rest, geometry)
-    if seen.settling is not None:
+    if scales.settling is not None:
         least, most = bounds(TIME)
-        if not least <= seen.settling <= most:
-            # Behind a clock that is off, no motion can be held against a slow voltage.
-            current = [one for one in _off(record, seen, geometry) if one.channel == "current"]
-            return [_clock(seen.settling, least, most), *current]
-    return _off(record, seen, geometry)
+        if not least <= scales.settling <= most:
+            # Behind a clock that is off, no motion can be compared with a slow voltage.
+            current = [one for one in _off(record, scales, geometry) if one.channel == "current"]
+            return [_clock(scales.settling, least, most), *current]
+    return _off(record, scales, geometry)
 
 
 def per_dimensions(actuator: Actuator | None) -> dict[str, float]:
@@ -157,16 +162,16 @@ def bounds(quantity: str) -> tuple[float, float]:
     return _LEAST[quantity], _SLOWEST if quantity == TIME else _FACTOR * _LEAST[quantity]
 
 
-def _off(record: Record, seen: Seen, geometry: Mapping[str, float]) -> list[Finding]:
+def _off(record: Record, scales: Scales, geometry: Mapping[str, float]) -> list[Finding]:
     found = []
-    for name, per_volt in seen.per_volt.items():
+    for name, per_volt in scales.per_volt.items():
         low, high = (bound / geometry[name] for bound in bounds(name))
-        if low <= per_volt <= high or (per_volt < low and name in seen.hidden):
+        if low <= per_volt <= high or (per_volt < low and name in scales.hidden):
             continue
         channel = record.channels[name]
         large = per_volt > high
         small, whole = _WAS_READ_AS[name]
-        volts = seen.largest[name] / per_volt
+        volts = scales.largest[name] / per_volt
         found.append(
             Finding(
                 code=CODE,
@@ -174,7 +179,7 @@ def _off(record: Record, seen: Seen, geometry: Mapping[str, float]) -> list[Find
                 channel=name,
                 message=(
                     f"the {name} is about 1000 times too {'large' if large else 'small'} (it reaches "
-                    f"{channel.show(seen.largest[name])}, where known strips of these dimensions give "
+                    f"{channel.show(scales.largest[name])}, where known strips of these dimensions give "
                     f"{channel.show(low * volts)} to {channel.show(high * volts)} for this voltage): "
                     + (f"{small} may have been read as {whole}" if large else f"{whole} may have been read as {small}")
                 ),
@@ -204,7 +209,7 @@ def _clock(settling: float, low: float, high: float) -> Finding:
     )
 
 
-def seen_in(record: Record, noise_only: frozenset[str]) -> Seen:
+def scales_of(record: Record, noise_only: frozenset[str]) -> Scales:
     """What a record shows of its scales."""
     voltage = record.run.voltage
     volts = float(np.abs(voltage).max())
@@ -226,7 +231,7 @@ def seen_in(record: Record, noise_only: frozenset[str]) -> Seen:
         if name in record.channels and name not in noise_only
     )
     settling = next((time for time in times if time is not None), None)
-    return Seen(per_volt, largest, frozenset(hidden), settling)
+    return Scales(per_volt, largest, frozenset(hidden), settling)
 
 
 def _settling(record: Record, channel: Channel) -> float | None:

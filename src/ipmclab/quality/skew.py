@@ -9,8 +9,8 @@ import numpy as np
 from ipmclab.quality.record import GUARD_ROWS, Channel, IntArray, Record, ranges_of
 from ipmclab.run import Finding, FloatArray
 
-_APART: Final = 7
-_REST_ROWS: Final = 10
+_APART: Final = 7  # rows between edges: nearer ones mix their answers (convention)
+_REST_ROWS: Final = 10  # rows before an edge whose mean is rest (convention)
 
 
 def channel_skew(record: Record) -> list[Finding]:
@@ -18,7 +18,7 @@ def channel_skew(record: Record) -> list[Finding]:
 
     The current jumps with the voltage, so at each edge the first row in which it has moved (by a
     fifth of its change and six standard deviations of the noise) should be the row of the edge.
-    Displacement and force answer smoothly and can only be seen to lead: at the first edge after
+    Displacement and force answer smoothly and can only be found to lead: at the first edge after
     rest they must not have left their straight line before the edge does. Readings between the
     first move and the peak of the current, which hold neither the old nor the new state, are
     left out; so are those that a current takes early, where the hold says that the edge is at its row.
@@ -113,7 +113,7 @@ def _skew(record: Record, channel: Channel, lead: int, edges: int, early: IntArr
         channel=channel.name,
         message=(
             f"the {channel.name} {which} the voltage channel by {rows} ({abs(lead) * record.period:.4g} s), "
-            f"seen at {edges} edge{'s' if edges > 1 else ''}"
+            f"measured at {edges} edge{'s' if edges > 1 else ''}"
         ),
         repair=(
             "the channels were not read at one time: "

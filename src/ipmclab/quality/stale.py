@@ -10,8 +10,8 @@ from ipmclab.quality.noise import runs_of_true
 from ipmclab.quality.record import Channel, Record, counted, ranges_of
 from ipmclab.run import Finding
 
-_STALE: Final = 0.05
-_STUCK_ROWS: Final = 16
+_STALE: Final = 0.05  # part of the rows that are repeats beyond rounding (convention)
+_STUCK_ROWS: Final = 16  # equal readings in sequence that noise does not give (convention)
 
 
 def stale_readings(record: Record) -> list[Finding]:

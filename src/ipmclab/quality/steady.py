@@ -9,12 +9,12 @@ import numpy as np
 
 from ipmclab.run import FloatArray
 
-_BLOCKS: Final = 400
-_SPEEDS: Final = 80
-_FASTEST: Final = 0.02
-_SLOWEST: Final = 3.0
+_BLOCKS: Final = 400  # means of a stretch that are fitted: a limit
+_SPEEDS: Final = 80  # time constants that are tried (convention)
+_FASTEST: Final = 0.02  # part of the stretch: the shortest time constant that is tried (convention)
+_SLOWEST: Final = 3.0  # times the stretch: the longest time constant that is tried (convention)
 _BAND: Final = 3.84
-"""95 % of the chi-square distribution with one degree of freedom."""
+"""95 % of the chi-square distribution with one degree of freedom (derived)."""
 
 
 def settle(time: FloatArray, values: FloatArray) -> tuple[float, tuple[float, float]]:

@@ -11,13 +11,13 @@ from ipmclab.quality.noise import STALE_EXCESS, noise_of_readings
 from ipmclab.quality.record import Channel, IntArray, Record, counted, ranges_of
 from ipmclab.run import Finding
 
-_SPIKE_ROWS: Final = 3
-_SIGNIFICANT: Final = 8.0 * math.sqrt(2.0)
-_NEIGHBOURS: Final = 60
-_MOST: Final = 0.02
-_SMALLEST_JUMP: Final = 0.005
-_FEWEST_OPEN: Final = 10
-_MEAN_ROWS: Final = 5
+_SPIKE_ROWS: Final = 3  # rows: a spike that lasts longer is no spike (convention)
+_SIGNIFICANT: Final = 8.0 * math.sqrt(2.0)  # of a difference: eight standard deviations of a reading (convention)
+_NEIGHBOURS: Final = 60  # rows on either side that show the noise there (convention)
+_MOST: Final = 0.02  # part of the rows: more sudden changes are how the channel is (convention)
+_SMALLEST_JUMP: Final = 0.005  # part of the range of the readings: a smaller jump is none (convention)
+_FEWEST_OPEN: Final = 10  # rows before it, at one voltage, that show that nothing moved (convention)
+_MEAN_ROWS: Final = 5  # rows of a moving mean (convention)
 
 
 def sudden_changes(record: Record) -> list[Finding]:
@@ -55,11 +55,11 @@ def _changes(record: Record, channel: Channel) -> tuple[list[tuple[int, int]], l
         steps = values[1:] - values[:-1]
     least = _SIGNIFICANT * channel.noise + 2.0 * channel.quantum
     size = np.abs(steps)
-    apart = size.copy()  # from the mean of the neighbouring changes, so that a fast response is none
-    apart[1:-1] = np.abs(steps[1:-1] - 0.5 * (steps[2:] + steps[:-2]))
-    if float(apart.max()) <= least:
+    excess = size.copy()  # from the mean of the neighbouring changes, so that a fast response is none
+    excess[1:-1] = np.abs(steps[1:-1] - 0.5 * (steps[2:] + steps[:-2]))
+    if float(excess.max()) <= least:
         return spikes, jumps
-    candidates = np.flatnonzero((size > least) & (apart > least) & ~record.near_edge[rows[1:]])
+    candidates = np.flatnonzero((size > least) & (excess > least) & ~record.near_edge[rows[1:]])
     candidates = candidates[(candidates >= 2) & (candidates < len(steps) - 2)]
     if len(candidates) > _MOST * len(steps):
         return spikes, jumps  # it is the nature of this signal, for example an answer to random voltage
@@ -90,7 +90,7 @@ def _changes(record: Record, channel: Channel) -> tuple[list[tuple[int, int]], l
 
 
 def _lost_contact(record: Record, channel: Channel, jumps: list[tuple[int, float]]) -> list[Finding]:
-    """Stretches without current that end in a new inrush while the voltage stands: the contact was open."""
+    """Stretches without current that end in a new inrush while the voltage is constant: the contact was open."""
     found = []
     for row, height in jumps:
         voltage = record.run.voltage[row]

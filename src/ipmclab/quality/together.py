@@ -1,4 +1,4 @@
-"""Runs of one sample held against each other."""
+"""Runs of one sample compared with each other."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from ipmclab.quality.metrics import shows_zero
 from ipmclab.quality.record import GUARD_ROWS, Record
 from ipmclab.run import Finding, FloatArray, Run
 
-_VOLTAGE_AGREES: Final = 0.01
-_FEWEST: Final = 20
-_BLOCKS: Final = 20
-_SAME_ALL_THE_TIME: Final = 0.02
+_VOLTAGE_AGREES: Final = 0.01  # part of the largest voltage by which equal voltages may differ (convention)
+_FEWEST: Final = 20  # rows that are compared at least (convention)
+_BLOCKS: Final = 20  # means of a difference that are compared (convention)
+_SAME_ALL_THE_TIME: Final = 0.02  # part of an offset by which it may change and still be one (convention)
 
 
 def check_together(runs: Sequence[Run]) -> tuple[Finding, ...]:
@@ -26,7 +26,7 @@ def check_together(runs: Sequence[Run]) -> tuple[Finding, ...]:
     Up to that time the responses must agree too, if the strip was in the same state: no model
     is needed. The runs are aligned at their first voltage edge. ``state-changed`` is a warning
     with the ratio of the responses and the root mean square of their difference against the
-    noise; ``state-unchanged`` tells that a comparison found no difference. Runs whose voltages
+    noise; ``state-unchanged`` says that a comparison found no difference. Runs whose voltages
     differ from the start, or whose sample ids differ, are not compared.
 
     Parameters
@@ -163,7 +163,7 @@ def _blocks(difference: FloatArray, noise: float) -> tuple[FloatArray, float]:
 
 
 def _or_a_zero(finding: Finding, difference: FloatArray, noise: float, unshown: list[str], record: Record) -> Finding:
-    """A difference that is the same all the time is that of a zero where a record shows none: it is told as well."""
+    """A difference that is the same all the time is that of a zero where a record shows none: it is reported too."""
     if finding.code != "state-changed" or not unshown:
         return finding
     means, error = _blocks(difference, noise)

@@ -71,7 +71,7 @@ def fitted(fit: Fit) -> Fitted:
 def values_of(problem: Problem, thetas: Sequence[FloatArray]) -> dict[str, FloatArray]:
     """The value [SI] of each parameter in each of some fits, shape (n_fits,).
 
-    Branches and modes are named by their place in the row of time constants, in each fit anew; NaN where what is free
+    Branches and modes are named by their place in the row of time constants, in each fit again; NaN where what is free
     has another place there.
     """
     first = problem.records[0].place

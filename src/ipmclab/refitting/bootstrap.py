@@ -1,7 +1,7 @@
 """The parametric bootstrap: fit again to what the fitted model would have given under other draws of the noise.
 
-A fit to readings that were drawn anew is the same problem with its residuals shifted by a draw of the noise: no reading
-is made, and nothing is simulated.
+A fit to readings that were drawn again is the same problem with its residuals shifted by a draw of the noise: no
+reading is made, and nothing is simulated.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from ipmclab.fit.fit import Fit
 from ipmclab.identification.noise.correlate import Correlated
 from ipmclab.identification.solved import solved
 from ipmclab.one_thread import on_one_thread
-from ipmclab.progress import Tell, stage, telling
+from ipmclab.progress import OnProgress, reporting_to, stage
 from ipmclab.refitting.again import fits_again, fitted, values_of
 from ipmclab.run import FloatArray
 
@@ -59,9 +59,9 @@ class Bootstrap:
 
 @on_one_thread
 def bootstrap(
-    fit: Fit, count: int = 1000, *, seed: int = SEED, engine: Engine | None = None, progress: Tell | None = None
+    fit: Fit, count: int = 1000, *, seed: int = SEED, engine: Engine | None = None, progress: OnProgress | None = None
 ) -> Bootstrap:
-    """Fit again to readings drawn anew, and see how the parameters scatter.
+    """Fit again to readings drawn again, and see how the parameters scatter.
 
     The noise is that which the fit found, with its correlation; its own uncertainty is not drawn, and neither is a
     fixed parameter, both of which the intervals of the fit count. A parameter of which the readings say nothing has no
@@ -78,7 +78,7 @@ def bootstrap(
     engine : Engine, optional
         Who fits: this process where it is left out. The answer is the same, to the last bit.
     progress : function of (str, float), optional
-        Told what is being done, and the fraction that is done.
+        Called with what is being done, and the fraction that is done.
 
     Returns
     -------
@@ -105,7 +105,7 @@ def bootstrap(
             repair="give 1000, or at least 40",
         )
     correlated = solved(fit).correlated
-    with telling(progress):
+    with reporting_to(progress):
         stage(f"bootstrap of {count} fits", 0.0, 1.0, usual=count)
         shifts = _shifts(correlated, count, np.random.default_rng(seed))
         thetas = fits_again(fitted(fit), shifts, count, engine or Here())
@@ -113,7 +113,7 @@ def bootstrap(
 
 
 def _shifts(correlated: Correlated, count: int, generator: np.random.Generator) -> Iterator[FloatArray]:
-    """What residuals at the fit are shifted by where only noise that is drawn anew is left of them."""
+    """What residuals at the fit are shifted by where only noise that is drawn again is left of them."""
     here = correlated.solution.evaluation
     silent = np.asarray(~here.rows[:-1].any(axis=0))  # readings at the end of their range, which only bound the model
     for _ in range(count):
@@ -126,16 +126,16 @@ def _told(fit: Fit, thetas: list[FloatArray | None], count: int) -> Bootstrap:
     done = [theta for theta in thetas if theta is not None]
     samples = values_of(problem, done)
     found = {name: samples[name] for name in fit.parameters if np.isfinite(samples.get(name, np.nan)).all()}
-    seen = {name: np.isfinite(fit.parameters[name].standard_error) for name in found}
+    finite = {name: np.isfinite(fit.parameters[name].standard_error) for name in found}
     ends = {name: np.quantile(values, [0.025, 0.975]) for name, values in found.items()}
     return Bootstrap(
         samples=found,
         intervals={
-            name: (float(low), float(high)) if seen[name] else fit.parameters[name].interval
+            name: (float(low), float(high)) if finite[name] else fit.parameters[name].interval
             for name, (low, high) in ends.items()
         },
         standard_errors={
-            name: float(np.std(values, ddof=1)) if seen[name] else float("inf") for name, values in found.items()
+            name: float(np.std(values, ddof=1)) if finite[name] else float("inf") for name, values in found.items()
         },
         failed=count - len(done),
     )

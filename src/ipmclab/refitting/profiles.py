@@ -21,7 +21,7 @@ from ipmclab.identification.uncertainty.covariance import uncertainty
 from ipmclab.identification.uncertainty.interval import beside_bounds
 from ipmclab.identification.uncertainty.profile import Point, held_at, one_side
 from ipmclab.one_thread import on_one_thread
-from ipmclab.progress import Tell, stage, telling
+from ipmclab.progress import OnProgress, reporting_to, stage
 
 _BETWEEN: Final = 0.5  # of the way to the crossing: one more point
 WHY_NOT_PROFILE: Final = (
@@ -33,7 +33,7 @@ WHY_NOT_PROFILE: Final = (
 _BEYOND: Final = 1.2  # times the way: where a curve ends
 
 
-def profile(fit: Fit, names: str | Iterable[str] | None = None, *, progress: Tell | None = None) -> Fit:
+def profile(fit: Fit, names: str | Iterable[str] | None = None, *, progress: OnProgress | None = None) -> Fit:
     """Follow the likelihood's profile of every parameter of a fit to where its 95 % interval ends.
 
     A parameter is held at one value after the other, and all others are fitted again, under the noise that the fit
@@ -49,7 +49,7 @@ def profile(fit: Fit, names: str | Iterable[str] | None = None, *, progress: Tel
         One or some of its parameters; all of the actuator's where left out. What belongs to one run (a delay, a zero)
         is followed where it is named.
     progress : function of (str, float), optional
-        Told what is being done, and the fraction that is done.
+        Called with what is being done, and the fraction that is done.
 
     Returns
     -------
@@ -83,10 +83,10 @@ def profile(fit: Fit, names: str | Iterable[str] | None = None, *, progress: Tel
                 repair=suggest(name, list(fit.parameters)),
             )
     solved(fit)
-    with telling(progress):
+    with reporting_to(progress):
         found = _profiles(fit, wanted)
-    told = {name: found[name] for name in fit.parameters if name in found}
-    return changed(fit, profiles=told, parameters=_ended(fit, told))
+    in_order = {name: found[name] for name in fit.parameters if name in found}
+    return changed(fit, profiles=in_order, parameters=_ended(fit, in_order))
 
 
 def _ended(fit: Fit, found: Mapping[str, Profile]) -> dict[str, FittedParameter]:
@@ -128,7 +128,7 @@ def flat_within(fit: Fit, name: str) -> bool:
     """Whether every value within the interval of a parameter explains the readings about as well as every other.
 
     So it is along a direction of which the readings say nothing at all. Where other minima are as good, or a parameter
-    went to its bound, the readings still tell the values between from each other.
+    went to its bound, the readings still distinguish the values between.
     """
     one = fit.parameters[name]
     least = -math.inf if one.interval[0] == 0.0 else one.interval[0]

@@ -13,7 +13,7 @@ from ipmclab.errors import InputError
 from ipmclab.fit.fit import Fit
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.one_thread import on_one_thread
-from ipmclab.progress import Tell, stage, telling
+from ipmclab.progress import OnProgress, reporting_to, stage
 from ipmclab.refitting.again import Fitted, fits_again, fitted, values_of
 
 FloatArray = npt.NDArray[np.float64]
@@ -47,7 +47,7 @@ def refit(
     readings: Sequence[Mapping[str, npt.ArrayLike]],
     *,
     engine: Engine | None = None,
-    progress: Tell | None = None,
+    progress: OnProgress | None = None,
 ) -> Refits:
     """Fit again to other readings of the same runs: where a circuit is read by its current, many fits side by side.
 
@@ -64,7 +64,7 @@ def refit(
     engine : Engine, optional
         Who fits: this process where it is left out. The answer is the same, to the last bit.
     progress : function of (str, float), optional
-        Told what is being done, and the fraction that is done.
+        Called with what is being done, and the fraction that is done.
 
     Returns
     -------
@@ -89,12 +89,12 @@ def refit(
     start = fitted(fit)
     pieces = _differences(start.problem, readings)
     count = len(pieces[0][1]) if pieces else 0
-    with telling(progress):
+    with reporting_to(progress):
         stage(f"{count} fits", 0.0, 1.0, usual=count)
         thetas = fits_again(start, _shifts(start, pieces, count), count, engine or Here())
     converged = np.array([theta is not None for theta in thetas], dtype=bool)
     values = {}
-    # Beside the fit itself, which has every name though no other one ends.
+    # In addition to the fit itself, which has every name though no other one ends.
     for name, found in values_of(start.problem, [start.theta, *(one for one in thetas if one is not None)]).items():
         values[name] = np.full(count, np.nan)
         values[name][converged] = found[1:]

@@ -91,7 +91,7 @@ class SideBySide:
         ----------
         theta : float array, shape (n_unknown,)
         shifts : float array, shape (n_fit, n_residual)
-            What the residuals of each have beside those of the problem.
+            What the residuals of each have in addition to those of the problem.
         """
         thetas = np.tile(theta, (len(shifts), 1))
         costs = np.full(len(shifts), np.inf)
@@ -139,7 +139,7 @@ class SideBySide:
             values: dict[str, Any] = dict(self._problem.base)
             for column, unknown in part.columns:
                 values[unknown.base] = unknown.values(thetas[:, column])
-            seen = circuits(self._branches, values, fits, part.series_resistance)
+            found_circuits = circuits(self._branches, values, fits, part.series_resistance)
             size = 2 + 2 * self._branches
             products = np.empty((fits, size, size))
             given = part.drive
@@ -149,9 +149,9 @@ class SideBySide:
                 given.start,
                 given.end,
                 given.present,
-                seen.poles,
-                seen.direct,
-                seen.residues,
+                found_circuits.poles,
+                found_circuits.direct,
+                found_circuits.residues,
                 part.weight,
                 read,
                 chosen,
@@ -160,7 +160,7 @@ class SideBySide:
             turn = np.zeros((fits, size, unknowns + 1))
             turn[:, -1, -1] = 1.0
             names = [unknown.base for _, unknown in part.columns]
-            slopes = seen.derivatives @ lumped_derivatives(self._branches, values, names)
+            slopes = found_circuits.derivatives @ lumped_derivatives(self._branches, values, names)
             for number, (column, unknown) in enumerate(part.columns):
                 chain = values[unknown.base] if unknown.log else unknown.scale
                 turn[:, :-1, column] = slopes[:, :, number] * (np.asarray(chain * part.weight)[..., None])
@@ -185,20 +185,20 @@ def _part(problem: Problem, record: PreparedRun) -> _Part | None:
 
 
 def _steps(products: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Gauss-Newton steps, and the decrease of the cost that each promises; NaN where columns are not well apart."""
+    """Gauss-Newton steps, and the decrease of the cost that each promises; NaN where columns are nearly dependent."""
     fits, columns = len(products), products.shape[1] - 1
     steps, expected = np.full((fits, columns), np.nan), np.full(fits, np.nan)
     sizes = np.sqrt(np.maximum(np.diagonal(products, axis1=1, axis2=2), 1e-300))
     factors = _factors(products / (sizes[:, :, None] * sizes[:, None, :]))
-    apart = np.diagonal(factors, axis1=1, axis2=2).min(axis=1) > WELL_APART
-    triangles = factors[apart].transpose(0, 2, 1)[:, :columns]
+    independent = np.diagonal(factors, axis1=1, axis2=2).min(axis=1) > WELL_APART
+    triangles = factors[independent].transpose(0, 2, 1)[:, :columns]
     left, singular, directions = np.linalg.svd(triangles[:, :, :columns])
-    right = triangles[:, :, columns] * sizes[apart, -1:]
+    right = triangles[:, :, columns] * sizes[independent, -1:]
     turned = (left.transpose(0, 2, 1) @ right[:, :, None])[:, :, 0]
     kept = singular > STRUCTURAL * singular[:, :1]
     turned = np.where(kept, turned, 0.0)
     moved = (directions.transpose(0, 2, 1) @ (turned / singular)[:, :, None])[:, :, 0]
-    steps[apart], expected[apart] = -moved / sizes[apart, :columns], (turned * turned).sum(axis=1)
+    steps[independent], expected[independent] = -moved / sizes[independent, :columns], (turned * turned).sum(axis=1)
     return steps, expected
 
 

@@ -52,7 +52,7 @@ COLUMNS: Final[Mapping[str, Mapping[str, tuple[str, str]]]] = {
 NO_EXCITATION: Final = "no-excitation"
 
 _FINEST: Final = 1e-4
-"""A scatter that is a smaller part of a value is not told: nobody reads so many digits."""
+"""A scatter that is a smaller part of a value is not reported: nobody reads so many digits."""
 
 
 @dataclass(frozen=True)
@@ -175,9 +175,9 @@ def _printed_row(one: Reproduced) -> dict[str, Any]:
 
 
 def _curled(one: Curled) -> str:
-    told = (one.published.number or "").replace(" ", NO_BREAK)
+    printed = (one.published.number or "").replace(" ", NO_BREAK)
     return (
-        f"Sample {one.published.samples[0]} curled about {told} in {CURLED_FOR / 60.0:g}{NO_BREAK}min in the room "
+        f"Sample {one.published.samples[0]} curled about {printed} in {CURLED_FOR / 60.0:g}{NO_BREAK}min in the room "
         f"without a voltage (figure {one.published.figure}); here it is {with_unit(one.distance, LENGTH)}."
     )
 
@@ -256,7 +256,7 @@ def _findings(ours: Sequence[Repeated]) -> Iterator[str]:
 
 
 def _curls(ours: Sequence[Repeated]) -> Iterator[tuple[str, str]]:
-    """How fast the tip moves without a voltage, held against what a test at 1 V shows."""
+    """How fast the tip moves without a voltage, compared with what a test at 1 V shows."""
     steps = [one for one in ours if (one.measured, one.label) == ("displacement", "step 1 V")]
     expected = [size[0] for one in steps if (size := one.mean("displacement", "largest")) is not None]
     for one in ours:
@@ -289,16 +289,16 @@ def _cell(one: Repeated, column: str) -> str:
     found = _found(one, column)
     if found is None:
         return "–"
-    channel, name, (mean, spread, _) = found
+    channel, name, (mean, deviation, _) = found
     mean = abs(mean) if (channel, name) == ("current", "largest") else mean  # of a square: either polarity
     if name == "time_to_peak":
         return f"{plain(mean)}{NO_BREAK}s"
     if name == "back_relaxation":
         return f"{plain(100.0 * mean, 2)}{NO_BREAK}%"
     quantity = CHANNELS[channel]
-    if math.isnan(spread) or spread < _FINEST * abs(mean):
+    if math.isnan(deviation) or deviation < _FINEST * abs(mean):
         return with_unit(mean, quantity, 4)
-    value = with_error(quantity.to_display(mean), quantity.to_display(spread))
+    value = with_error(quantity.to_display(mean), quantity.to_display(deviation))
     return f"{value}{NO_BREAK}{spelled_unit(quantity.display_unit)}"
 
 

@@ -25,7 +25,7 @@ class ModelRow:
 
     name: str
     parameters: str
-    apart: str
+    difference: str
     verdict: str
     rmse: tuple[str, ...]
     aic: str
@@ -83,7 +83,7 @@ def report_choice(
 
 def choice_html(choice: Choice, runs: Sequence[Run] = (), *, command: str = "") -> str:
     """The text of the report of a choice."""
-    alike = [one.name for one in choice.ranked[1:] if not choice.differences[one.name, choice.best].is_told]
+    alike = [one.name for one in choice.ranked[1:] if not choice.differences[one.name, choice.best].is_distinguished]
     return render(
         "choice.html.j2",
         sentences=choice.sentences,
@@ -95,10 +95,10 @@ def choice_html(choice: Choice, runs: Sequence[Run] = (), *, command: str = "") 
             choice_figure(choice), "choice", "Models in the order of their predictive likelihood, with errors"
         ),
         pairs=[
-            (str(apart), apart.is_told)
+            (str(difference), difference.is_distinguished)
             for place, first in enumerate(choice.ranked)
             for second in choice.ranked[place + 1 :]
-            for apart in [choice.differences[first.name, second.name]]
+            for difference in [choice.differences[first.name, second.name]]
         ],
         noises=[
             (one.name, CHANNELS[output].name, _noise(one.noise[output].parts))
@@ -117,12 +117,18 @@ def choice_html(choice: Choice, runs: Sequence[Run] = (), *, command: str = "") 
 
 def _row(choice: Choice, place: int) -> ModelRow:
     one = choice.ranked[place]
-    apart = choice.to_best(one.name)
-    words = "best prediction" if apart is None else "worse" if apart.is_told else "not distinguishable from the best"
+    difference = choice.to_best(one.name)
+    words = (
+        "best prediction"
+        if difference is None
+        else "worse"
+        if difference.is_distinguished
+        else "not distinguishable from the best"
+    )
     return ModelRow(
         name=one.name,
         parameters=str(one.parameters),
-        apart="0" if apart is None else f"{plain(apart.value)} ± {plain(apart.standard_error, 2)}",
+        difference="0" if difference is None else f"{plain(difference.value)} ± {plain(difference.standard_error, 2)}",
         verdict=f"{words}; preferred" if one.name == choice.preferred else words,
         rmse=tuple(with_unit(one.rmse[output], CHANNELS[output]) for output in choice.outputs),
         aic=_above(one.aic, [other.aic for other in choice.ranked]),

@@ -35,7 +35,7 @@ _ROWS_SHOWN = 200
 
 
 Posterior: TypeAlias = "tuple[Mapping[str, Population], Mapping[str, str]]"
-"""What ``populations_of`` found of some metrics, and why nothing is told of others."""
+"""What ``populations_of`` found of some metrics, and why nothing is reported of others."""
 
 
 @dataclass(frozen=True)
@@ -183,7 +183,7 @@ def comparison_html(comparison: Comparison, *, posterior: Posterior | None = Non
         ],
         apart=[
             (name, [one for one in strips if one.is_unlike], len(strips))
-            for name, strips in comparison.strips_apart.items()
+            for name, strips in comparison.strip_deviations.items()
         ],
         following=[row for model in comparison.models for row in _next_rows(model)],
         populations=population_parts(posterior[0]) if posterior else [],
@@ -244,7 +244,7 @@ def _link(text: str) -> str:
 
 
 def _effect_rows(model: MetricModel, comparison: Comparison) -> dict[str, object]:
-    told = [_effect_row(effect, model) for effect in model.effects() if effect.factor in comparison.by]
+    effect_rows = [_effect_row(effect, model) for effect in model.effects() if effect.factor in comparison.by]
     scatter = {}
     for name, size in model.fit.variances.items():
         deviation = max(size, 0.0) ** 0.5
@@ -259,7 +259,7 @@ def _effect_rows(model: MetricModel, comparison: Comparison) -> dict[str, object
         "runs": len(model.rows),
         "strips": len({row.strip for row in model.rows}),
         "scatter": ", ".join(f"{word} {size}" for word, size in scatter.items()),
-        "rows": told,
+        "rows": effect_rows,
         "together": [f"{name} changes together with {' and '.join(others)}" for name, others in model.together.items()],
     }
 
@@ -278,8 +278,8 @@ def _effect_row(effect: Effect, model: MetricModel) -> tuple[str, str, str, str]
 def _next_rows(model: MetricModel) -> list[tuple[str, str, str, str]]:
     found = []
     for condition in model.conditions()[:12]:
-        told = model.next_strip(condition)
-        if told is None:
+        next_one = model.next_strip(condition)
+        if next_one is None:
             return []
         quantity = quantity_of(model.metric.unit)
         shown = ", ".join(with_unit(condition[factor.name], factor.quantity, trim=True) for factor in model.factors)
@@ -287,8 +287,8 @@ def _next_rows(model: MetricModel) -> list[tuple[str, str, str, str]]:
             (
                 f"{model.waveform}: {model.label}",
                 shown or "one condition",
-                with_unit(told[0], quantity),
-                f"{with_unit(told[1][0], quantity)} to {with_unit(told[1][1], quantity)}",
+                with_unit(next_one[0], quantity),
+                f"{with_unit(next_one[1][0], quantity)} to {with_unit(next_one[1][1], quantity)}",
             )
         )
     return found

@@ -11,7 +11,7 @@ import numpy.typing as npt
 FloatArray = npt.NDArray[np.float64]
 
 _EDGE: Final = 0.1
-"""Share of a curve's range that neighbouring rows differ by at an edge; a smaller slant is not seen."""
+"""Share of a curve's range that neighbouring rows differ by at an edge; a smaller slant is not visible."""
 
 _EDGES: Final = 2
 """Edges that are kept of a stretch: those of a pulse."""
@@ -20,7 +20,7 @@ _EDGES: Final = 2
 def decimate(x: FloatArray, y: FloatArray, *, buckets: int = 400) -> tuple[FloatArray, FloatArray]:
     """Keep the lowest and the highest point of each of many equal stretches of rows, and both sides of its edges.
 
-    Between points that are kept a line is drawn: without the rows beside an edge a step would be a slope as long as
+    Between points that are kept a line is drawn: without the rows next to an edge a step would be a slope as long as
     two stretches.
 
     Parameters

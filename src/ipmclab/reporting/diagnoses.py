@@ -28,6 +28,6 @@ def diagnoses_part(fit: Fit) -> dict[str, Any] | None:
         ),
         "caption": "Correlation of what the fit left with itself (left) and with the voltage (right). What is new in "
         "each residual, under the noise that was found, is white where model and noise are right: then "
-        f"95{NO_BREAK}% of its correlations lie within the band, on both sides. What stands out on the right is no "
-        f"noise: the model lacks something that answers to the voltage.{rest}",
+        f"95{NO_BREAK}% of its correlations lie within the band, on both sides. A correlation outside the band "
+        f"on the right is no noise: the model lacks something that responds to the voltage.{rest}",
     }

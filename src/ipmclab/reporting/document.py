@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import platform
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -14,16 +14,13 @@ import numpy as np
 from markupsafe import Markup, escape
 
 from ipmclab.errors import InputError
-from ipmclab.fit.answer import REFUSED, known_title, lacks_something
-from ipmclab.fit.answer import verdict as verdict_of
+from ipmclab.fit.answer import known_title, lacks_something
 from ipmclab.fit.in_brief import most_important_first
 from ipmclab.model.validity import CODES as VALIDITY_CODES
 from ipmclab.model.validity import SMALL_BENDING
 from ipmclab.prediction.fitted import fitted_outputs
-from ipmclab.prediction.remarks import averages
 from ipmclab.prediction.scores import LAGS, Comparison
 from ipmclab.prediction.validate import Validation, run_labels, validate
-from ipmclab.prediction.verdict import verdict_of as verdict_of_runs
 from ipmclab.quality import check, measure
 from ipmclab.reporting import tables
 from ipmclab.reporting.diagnoses import diagnoses_part
@@ -32,12 +29,13 @@ from ipmclab.reporting.figures.frequency import frequency_figure
 from ipmclab.reporting.figures.prediction import prediction_figure
 from ipmclab.reporting.figures.residuals import autocorrelation_figure
 from ipmclab.reporting.figures.shape import shape_figure
+from ipmclab.reporting.fit_verdict import listed, verdict
 from ipmclab.reporting.many_runs import many_runs_part
 from ipmclab.reporting.micrographs import micrographs
 from ipmclab.reporting.page_file import render, write_page
 from ipmclab.reporting.profiles import profiles_part
 from ipmclab.reporting.svg import inline_svg
-from ipmclab.reporting.wording import NO_BREAK, percent, plain, with_unit
+from ipmclab.reporting.wording import NO_BREAK, plain, with_unit
 from ipmclab.run import Finding, Run
 from ipmclab.units import CHANNELS
 from ipmclab.version import __version__
@@ -82,7 +80,7 @@ def report(
     path : str or Path
         Where the report goes, ending in .html.
     also : sequence of Actuator
-        Other models, held against the same validation runs side by side.
+        Other models, compared with the same validation runs side by side.
     command : str
         How the report was asked for, kept in it.
     overwrite : bool
@@ -150,7 +148,7 @@ def html(
         fixed=tables.fixed_rows(fit.actuator, list(fit.parameters)),
         validation=_validation_part(validations),
         fit_rows=tables.fit_rows(fit, fitted),
-        # What is undetermined stands under the parameters already.
+        # What is undetermined is under the parameters already.
         fit_findings=most_important_first(
             [finding for finding in fit.findings if finding.code != "undetermined"],
             {name for one in fit.observations for name in one.noise},
@@ -193,80 +191,6 @@ def symbol(text: str) -> Markup:
     return Markup("{}<sub>{}</sub>").format(letter, index) if index else escape(text)
 
 
-def verdict(fit: Fit, validations: Sequence[Validation]) -> tuple[list[str], bool]:
-    """The outcome in sentences, and whether it calls for caution.
-
-    Parameters
-    ----------
-    fit : Fit
-    validations : sequence of Validation
-        The first is that of the fit's own actuator; empty when nothing was predicted.
-
-    Returns
-    -------
-    sentences : list of str
-    doubt : bool
-    """
-    found = verdict_of_runs(validations[0], percent) if validations else None
-    missed = {} if found is None else {output for output, *_ in found.missed}
-    sentences = [verdict_of(fit, missed)]
-    if not fit.converged:
-        sentences.append(f"The identification did not converge: {fit.message}. The numbers below are not a model.")
-    if found is None:
-        sentences.append("No run was kept for validation: nothing here shows what the model predicts for other inputs.")
-    else:
-        sentences += found.sentences
-    open_ones = [name for name, one in fit.parameters.items() if not one.determined]
-    if open_ones:
-        sentences.append(
-            f"{len(open_ones)} of {len(fit.parameters)} free parameters {'is' if len(open_ones) == 1 else 'are'} not "
-            f"determined by these runs: {_listed(open_ones)}."
-        )
-    else:
-        sentences.append(f"All {len(fit.parameters)} free parameters are determined.")
-    averaged = sorted(averages(fit))
-    if averaged:
-        sentences.append(
-            f"The mountings differ, so one value for all of them holds for none: {_listed(averaged)}. Fit each "
-            "mounting by itself, or name what the clamp changes in per_mounting."
-        )
-    bounds = [name for name, one in fit.parameters.items() if one.at_bound]
-    if bounds:
-        sentences.append(f"At a bound: {_listed(bounds)}; such a value is a limit, not an estimate.")
-    sentences += _holding(fit)
-    return sentences, bool(
-        not fit.converged
-        or sentences[0].startswith(REFUSED)
-        or open_ones
-        or averaged
-        or bounds
-        or missed
-        or found is None
-        or not found.predicted
-    )
-
-
-def _holding(fit: Fit) -> Iterator[str]:
-    """Where slow modes were fitted that stand in the way of holding a set point."""
-    for finding in fit.findings:
-        if finding.code == "set-point" and finding.severity == "warning":
-            # A bound that is not finite stands in no file: it is absent from a fit that was read.
-            low, high = finding.values.get("low"), finding.values.get("high")
-            reaches = (low is None or float(low) < 1.0) and (high is None or float(high) > 1.0)
-            yield (
-                f"These runs do not show whether a set point of the {finding.channel} can be held: the interval of r "
-                "reaches over 1."
-                if reaches
-                else f"The {finding.channel} relaxes back by as much as the coupling gives, or more: integral action "
-                "cannot hold a set point of it."
-            )
-
-
-def _listed(items: Iterable[str]) -> str:
-    *most, last = list(items) or [""]
-    return f"{', '.join(most)} and {last}" if most else last
-
-
 def _same_runs(fit: Fit, runs: Sequence[Run]) -> None:
     expected = [observation.content_sha256 for observation in fit.observations]
     given = [run.content_sha256 for run in runs]
@@ -278,7 +202,7 @@ def _same_runs(fit: Fit, runs: Sequence[Run]) -> None:
             f"{len(given)} runs given, {len(expected)} made the fit",
             code="other-runs",
             where="runs",
-            repair=f"give {_listed([one.label for one in fit.observations])}, in this order",
+            repair=f"give {listed([one.label for one in fit.observations])}, in this order",
         )
     raise InputError(
         f"run {place} is not {fit.observations[place].label}, from which the fit was made: its content is another "
@@ -293,7 +217,7 @@ def _subtitle(fit: Fit, runs: Sequence[Run]) -> str:
     outputs = [name for name in CHANNELS if any(name in one.noise for one in fit.observations)]
     count = f"{len(runs)} run{'s' if len(runs) > 1 else ''}"
     sample = f" of sample {fit.actuator.sample.id}" if fit.actuator.sample else ""
-    return f"Identified from {_listed(outputs)} in {count}{sample}, {len(fit.parameters)} parameters free."
+    return f"Identified from {listed(outputs)} in {count}{sample}, {len(fit.parameters)} parameters free."
 
 
 def _validation_part(validations: Sequence[Validation]) -> dict[str, Any] | None:
@@ -313,7 +237,7 @@ def _validation_part(validations: Sequence[Validation]) -> dict[str, Any] | None
                 inline_svg(
                     prediction_figure(one.run, models),
                     f"prediction-{place}",
-                    f"Measured and predicted {_listed(comparisons)} of {one.label} over time, with the errors",
+                    f"Measured and predicted {listed(comparisons)} of {one.label} over time, with the errors",
                 ),
                 f"{one.label}: measured (grey) and predicted from the voltage alone, with the error below."
                 f"{_banded(comparisons)} {not_drawn}",
@@ -369,7 +293,7 @@ def _fit_picture(
         inline_svg(
             prediction_figure(run, {"model": comparisons}),
             f"fit-{place}",
-            f"Measured and modelled {_listed(comparisons)} of {label} over time, with the residuals",
+            f"Measured and modelled {listed(comparisons)} of {label} over time, with the residuals",
         ),
         f"{label}: measured (grey) and fitted model, with what is left over below.{_banded(comparisons)} {not_drawn}",
     )
@@ -385,7 +309,7 @@ def _banded(comparisons: Mapping[str, Comparison]) -> str:
         return ""
     return (
         " Shaded: where 95 % of the readings should lie, for the errors of the parameters and the noise; its median is "
-        f"{_listed(wide)}. A band that is much wider than the record ends at the edge of its panel."
+        f"{listed(wide)}. A band that is much wider than the record ends at the edge of its panel."
     )
 
 
@@ -427,11 +351,11 @@ def _frequency_part(models: Sequence[Actuator], runs: Sequence[Run]) -> Picture:
         name: dict(zip(outputs, model.frequency_response(frequency, outputs), strict=True))
         for name, model in zip(names, models, strict=True)
     }
-    figure = frequency_figure(frequency, responses, seen=(slowest, fastest))
+    figure = frequency_figure(frequency, responses, covered=(slowest, fastest))
     return Picture(
         "Frequency response",
         inline_svg(figure, "frequency-response", "Gain and phase of current, displacement and force over frequency"),
-        f"Gain and phase of each output against the applied voltage, of {_listed(names)}. The runs of the fit lie "
+        f"Gain and phase of each output against the applied voltage, of {listed(names)}. The runs of the fit lie "
         f"between {plain(slowest)} Hz (their length) and {plain(fastest, trim=True)} Hz (half their rate); what is "
         "shaded is extrapolated.",
     )

@@ -12,7 +12,7 @@ from ipmclab.prediction.scores import Comparison
 def drawn_outputs(
     models: Sequence[Actuator], comparisons: Mapping[str, Comparison]
 ) -> tuple[dict[str, Comparison], str]:
-    """What is drawn of a run beside models, and a sentence on those that are not; empty where all are.
+    """What is drawn of a run with models, and a sentence on those that are not; empty where all are.
 
     A channel of which no reading counts says nothing of a model, and an output that no fit identified is drawn by
     values that nobody found; where there is nothing else, all are drawn.

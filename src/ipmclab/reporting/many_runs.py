@@ -49,20 +49,20 @@ class LeftOutRow:
 
 def many_runs_part(fit: Fit) -> Markup:
     """A section of the report: of each mounting by itself, and of each run as the others predict it."""
-    told = fit.mountings
+    mountings = fit.mountings
     why = why_unknown(fit)
     left_out = left_out_rows(fit)
     return Markup(
         render(
             "many_runs.html.j2",
             why_unknown=f"{why[0].upper()}{why[1:]}; {NEXT_STRIP}." if why else "",
-            mountings=len(told.each) if told else 0,
-            names=", ".join(one.name for one in told.each) if told else "",
+            mountings=len(mountings.each) if mountings else 0,
+            names=", ".join(one.name for one in mountings.each) if mountings else "",
             between=_between(fit),
-            spread=bool(told and told.between),
+            spread=bool(mountings and mountings.between),
             picture=_picture(fit),
-            unknown=[f"The next mounting's {name} {reason}." for name, reason in told.unknown.items()]
-            if told and not why
+            unknown=[f"The next mounting's {name} {reason}." for name, reason in mountings.unknown.items()]
+            if mountings and not why
             else [],
             state_head=HEAD,
             states=[row.cells for row in state_rows(fit)],
@@ -88,20 +88,20 @@ def _between(fit: Fit) -> list[BetweenRow]:
 
 
 def _picture(fit: Fit) -> Markup:
-    told = fit.mountings
-    names = [] if told is None else [name for name in told.p_value if name in told.logarithms]
+    mountings = fit.mountings
+    names = [] if mountings is None else [name for name in mountings.p_value if name in mountings.logarithms]
     if not names:
         return Markup()
     return inline_svg(mountings_figure(fit, names), "mountings", "Each parameter as each mounting has it by itself")
 
 
 def _size(fit: Fit, name: str) -> str:
-    told = fit.mountings
-    if told is None or name not in told.between:
+    mountings = fit.mountings
+    if mountings is None or name not in mountings.between:
         return "–"
-    if name in told.logarithms:
-        return f"×{NO_BREAK}{plain(math.exp(told.between[name]))}"
-    return with_unit(told.between[name], fit.actuator.parameters()[name].quantity)
+    if name in mountings.logarithms:
+        return f"×{NO_BREAK}{plain(math.exp(mountings.between[name]))}"
+    return with_unit(mountings.between[name], fit.actuator.parameters()[name].quantity)
 
 
 def left_out_rows(fit: Fit) -> list[LeftOutRow]:

@@ -156,9 +156,9 @@ def _table(headers: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>{more}"
 
 
-def _svg(figure: Figure, told: str) -> str:
+def _svg(figure: Figure, caption: str) -> str:
     """The figure in colours of its own; its ids are its own among all of a notebook."""
-    return standalone_svg(str(inline_svg(figure, f"ipmclab-{next(_counter)}", told)))
+    return standalone_svg(str(inline_svg(figure, f"ipmclab-{next(_counter)}", caption)))
 
 
 def _block(title: str, table: str, figure: str) -> str:

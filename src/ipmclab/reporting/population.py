@@ -43,7 +43,7 @@ def population_parts(populations: Mapping[str, Population]) -> list[PopulationPa
 
 def _part(name: str, one: Population) -> PopulationPart:
     quantity = quantity_of(one.model.metric.unit)
-    told = one.conditions()
+    conditions = one.conditions()
     rows = tuple(
         (
             condition_text(one, each),
@@ -52,10 +52,10 @@ def _part(name: str, one: Population) -> PopulationPart:
             _ends(each.next_strip[1], quantity),
             "–" if each.by_mixed_model is None else _ends(each.by_mixed_model[1], quantity),
         )
-        for each in told[:MOST_CONDITIONS]
+        for each in conditions[:MOST_CONDITIONS]
     )
     said = tuple(sentences(one, partial(with_unit, quantity=quantity)))
-    return PopulationPart(name, rows, max(len(told) - MOST_CONDITIONS, 0), said)
+    return PopulationPart(name, rows, max(len(conditions) - MOST_CONDITIONS, 0), said)
 
 
 def _ends(interval: Interval, quantity: Quantity) -> str:

@@ -1,4 +1,4 @@
-"""What a report says of how well the runs tell the parameters apart."""
+"""What a report says of how well the runs separate the parameters."""
 
 from __future__ import annotations
 

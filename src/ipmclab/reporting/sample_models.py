@@ -38,7 +38,7 @@ class ModelPart:
     parameters : tuple of ParameterRow
         With what else is known.
     head, scores : tuple of str, tuple of (str, tuple of str)
-        The channels; each run that it had not seen with the score of each.
+        The channels; each run that was not used for it with the score of each.
     picture : Markup, optional
     findings : tuple of Brief
         One line each.
@@ -101,7 +101,7 @@ def _sentences(model: SampleModel) -> Iterator[str]:
     good = [f"{name} with a fit of {percent(score)}" for name, score in model.scores.items() if score > 0.0]
     bad = [f"{name} ({percent(score)})" for name, score in model.scores.items() if score <= 0.0]
     if good:
-        yield f"From the voltage alone it predicts {runs} that it had not seen: {', '.join(good)}."
+        yield f"From the voltage alone it predicts {runs} that were not used to identify it: {', '.join(good)}."
     if bad:
         yield f"It does not predict {', '.join(bad)} of {runs}: a constant would have been nearer."
     if any(one.code == _MOUNTING and one.severity == "warning" for one in model.validation.findings):

@@ -33,7 +33,7 @@ SERIES: Final = ("blue", "vermillion", "green", "purple", "sky", "orange")
 """Colours of things that are compared with each other, in this order."""
 
 LINES: Final = ("-", (0, (5, 1.6)), (0, (1.2, 1.2)), (0, (5, 1.4, 1.2, 1.4)))
-"""Line patterns beside the colours: a figure stays readable in black and white."""
+"""Line patterns in addition to the colours: a figure stays readable in black and white."""
 
 PAGE_WIDTH: Final = 7.2
 """Width of a figure over the whole page [inch]."""

@@ -48,7 +48,7 @@ def inline_svg(figure: Figure, name: str, description: str) -> Markup:
     text = re.sub(r"<style.*?</style>", "", text, flags=re.DOTALL)
     text = re.sub(r"<!--.*?-->\s*", "", text, flags=re.DOTALL)
     text = re.sub(r"<metadata>.*?</metadata>\s*", "", text, flags=re.DOTALL)
-    # A thousandth of a point cannot be seen, and paths are most of the file.
+    # A thousandth of a point is not visible, and paths are most of the file.
     text = re.sub(r' d="[^"]*"', lambda path: _NUMBER.sub(_shorten, path.group()), text)
     text = re.sub(r'\bid="', f'id="{name}-', text)
     text = text.replace("url(#", f"url(#{name}-").replace('href="#', f'href="#{name}-')

@@ -187,7 +187,7 @@ def _cell(value: float) -> Cell:
 
 
 def fit_rows(fit: Fit, fitted: Sequence[Mapping[str, Comparison]]) -> list[FitRow]:
-    """How each output of each run was met by the fit, beside the noise of its neighbouring readings."""
+    """How each output of each run was met by the fit, with the noise of its neighbouring readings."""
     rows = []
     for observation, comparisons in zip(fit.observations, fitted, strict=True):
         for output, comparison in comparisons.items():

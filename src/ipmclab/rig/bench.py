@@ -47,7 +47,7 @@ class Block:
     readings : mapping of channel to float array, shape (n_block,) [V]
         As they come from the converters, unscaled.
     output : float array, shape (n_block,) [V]
-        What the output was told to give since the row before each row.
+        What the output was commanded to give since the row before each row.
     temperature : float array, shape (n_slow,) [degC]
         What the thermometer read since the block before; usually empty.
     """
@@ -72,7 +72,7 @@ class Bench(Protocol):
 
     @property
     def origin(self) -> Literal["measured", "virtual bench"]:
-        """What its runs are; a chassis tells what it is once it is open."""
+        """What its runs are; a chassis states what it is once it is open."""
 
     @property
     def description(self) -> str:
@@ -104,7 +104,7 @@ class Bench(Protocol):
         """Give a signal, or what else has rows, out, and read: each row just before the output changes.
 
         The first block may be asked for any time after the call; the clock starts then. ``zero`` may be called between
-        blocks: the output is at 0 V from then on, and the blocks go on coming. An iterator that is closed early
+        blocks: the output is at 0 V from then on, and the blocks continue coming. An iterator that is closed early
         stops the clock; the output keeps its last value until ``zero``.
 
         Parameters

@@ -83,11 +83,11 @@ class Channel:
     offset : float [SI unit of the channel]
         What 0 V means.
     sensor_range : (low, high) [SI unit of the channel], optional
-        What the sensor can tell, before zeroing.
+        What the sensor can read, before zeroing.
     sensor_noise : float [SI unit of the channel]
         Standard deviation of what the sensor adds, before the converter.
     rest : float [SI unit of the channel]
-        What the sensor tells while the strip rests: the distance of the laser, the preload of the load cell.
+        What the sensor reads while the strip rests: the distance of the laser, the preload of the load cell.
     lost : float [V], optional
         What the sensor gives when it has lost what it measures: beyond what it gives within its range.
     zeroed : bool
@@ -104,7 +104,7 @@ class Channel:
     interface : str
         How a computer reaches its settings, such as ``"RS-485"``; its readings come by the input.
     sensor_resolution : float [SI unit of the channel]
-        The smallest change that the sensor tells, by its data sheet.
+        The smallest change that the sensor shows, by its data sheet.
     """
 
     name: str
@@ -180,7 +180,7 @@ class Output:
     physical : str
         The output, such as ``"cDAQ1Mod2/ao0"``; empty where there is no hardware.
     amplifier : str
-        What stands between the output and the strip.
+        What is between the output and the strip.
     current_limit : float [A], optional
         What it can deliver.
     """
@@ -194,7 +194,7 @@ class Output:
 
 @dataclass(frozen=True)
 class Thermometer:
-    """A resistance thermometer in the air around the strip, read slowly beside the other channels.
+    """A resistance thermometer in the air around the strip, read slowly in addition to the other channels.
 
     Parameters
     ----------
@@ -252,7 +252,7 @@ class FourProbe:
 
 @dataclass(frozen=True)
 class VirtualStrip:
-    """What stands behind the terminals of a rig that exists only as a model, and the air around it.
+    """What is behind the terminals of a rig that exists only as a model, and the air around it.
 
     Parameters
     ----------
@@ -302,7 +302,7 @@ class Rig:
     thermometer : Thermometer, optional
     four_probe : FourProbe, optional
     bench : "virtual" or "ni"
-        What stands behind the channels.
+        What is behind the channels.
     address : str, optional
         ``host:port`` of a chassis behind a gRPC server; None for the driver of this computer.
     virtual : VirtualStrip

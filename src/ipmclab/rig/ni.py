@@ -1,4 +1,4 @@
-"""The NI bench: a strip on a CompactDAQ chassis, through NI's own client. The only module that imports ``nidaqmx``.
+"""The NI bench: a strip on a CompactDAQ chassis, through NI's own client.
 
 With ``rig.address`` the chassis is behind a gRPC server (NI's, or the stand-in of ``ipmclab rig serve``), without
 it behind the driver of this computer; everything else is the same.
@@ -7,25 +7,25 @@ it behind the driver of this computer; everything else is the same.
 from __future__ import annotations
 
 import threading
-import time
 from collections.abc import Collection, Iterator
 from contextlib import suppress
-from typing import TYPE_CHECKING, Any, Final, Literal
+from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
 import numpy.typing as npt
 
 from ipmclab.errors import InputError, IpmclabError
-from ipmclab.extras import how_to_install
 from ipmclab.rig.bench import BenchError, Block, block_rows
 from ipmclab.rig.channels import Rig
+from ipmclab.rig.daqmx.client import client
 from ipmclab.rig.daqmx.driver import Driver
 from ipmclab.rig.daqmx.in_use import Hold
-from ipmclab.rig.daqmx.look_back import SETTLED, read_output, settled
+from ipmclab.rig.daqmx.look_back import SETTLED, settled
+from ipmclab.rig.daqmx.reset import ANSWER, reset, see_zero, stuck_error
 from ipmclab.rig.daqmx.tasks import OnDemand, TimedTasks, rows_ahead
 from ipmclab.rig.request import check_measured, check_rows, check_voltage
 from ipmclab.rig.rows import ENDLESS, Feed, RowSource, as_rows
-from ipmclab.rig.safety.readback import TOLERANCE, channels_at_output, left_at_output
+from ipmclab.rig.safety.readback import TOLERANCE, left_at_output
 from ipmclab.signals import Signal
 
 if TYPE_CHECKING:
@@ -35,138 +35,6 @@ FloatArray = npt.NDArray[np.float64]
 
 AHEAD: Final = 0.5
 """How far [s] the output is fed ahead: a program that hangs leaves no more than this of its signal."""
-
-_ANSWER: Final = 5.0
-"""Time [s] for a server to answer when a bench is opened."""
-
-_ANSWER_AFTER_FAILURE: Final = 1.5
-"""The same after a failure: enough for a server that is being restarted, short for one that hangs."""
-
-_RESET_TIME: Final = 5.0
-"""Time [s] for the reset of a module."""
-
-_OTHERS_READ: Final = 1.0
-"""So long [s] an output that another program reads is waited for: the guardian of one that has just died does so."""
-
-_LONGEST_RESET: Final = 1.2
-"""What a guardian allows a reset at most [s]: it leaves behind what takes 1.5 s."""
-
-
-def reset(rig: Rig) -> None:
-    """Bring the output of a rig to 0 V from anywhere, through a connection of its own, and read it back.
-
-    Resets every module of the rig: outputs go to 0 V, reservations are freed, and whatever another program
-    was doing on them is aborted. This is what the guardian does when the recorder is silent, and what every
-    bench does when it is opened.
-
-    Parameters
-    ----------
-    rig : Rig
-
-    Raises
-    ------
-    BenchError
-        No driver, no server, no such module; ``"output-stuck"`` where a voltage is still read, ``"output-unread"``
-        where nothing could be read.
-    """
-    driver = Driver(client(), rig, wait=_ANSWER_AFTER_FAILURE, patience=_ANSWER_AFTER_FAILURE)
-    try:
-        driver.be_patient(_RESET_TIME)
-        driver.reset(driver.modules())
-        _see_zero(driver)
-    finally:
-        driver.close()
-
-
-class Resetter:
-    """A connection that is kept ready to bring the output of a rig to 0 V at once, for a guardian.
-
-    Parameters
-    ----------
-    rig : Rig
-        Of which only the output, the address and the channels that tell what the output gives are looked at.
-    within : float [s]
-        How long a reset may take. The next one after a failure may take so much longer, up to 1.2 s: a server that
-        is slow would else never be known to have brought its output to 0 V.
-
-    Raises
-    ------
-    BenchError
-        No driver, no server.
-    """
-
-    def __init__(self, rig: Rig, *, within: float = 0.4) -> None:
-        self._rig = rig
-        self._within = within
-        self._allowed = within
-        self._driver = Driver(client(), rig, wait=_ANSWER)
-        self._driver.be_patient(within)
-
-    def reset(self) -> None:
-        """Reset the module of the output. May be called again, also after it failed: it connects anew then.
-
-        Raises
-        ------
-        BenchError
-        """
-        self._connect()
-        self._driver.reset(self._driver.modules()[:1])
-        self._allowed = self._within
-        self._driver.be_patient(self._within)
-
-    def read(self) -> float:
-        """What the output gives [V]. Inputs that a recorder holds which is gone, or silent, are reset for it.
-
-        Raises
-        ------
-        BenchError
-            It cannot be read.
-        """
-        self._connect()
-        try:
-            return read_output(self._driver)
-        except BenchError as error:
-            if error.code != "bench-in-use":
-                raise
-        self._driver.reset(self._driver.modules(channels_at_output(self._rig)))
-        return read_output(self._driver)
-
-    def _connect(self) -> None:
-        """Anew, where the connection was lost."""
-        if self._driver.lost is not None:
-            self._driver.close()
-            self._allowed = min(self._allowed + self._within, max(_LONGEST_RESET, self._within))
-            self._driver = Driver(client(), self._rig, wait=self._allowed, patience=self._allowed)
-
-    def close(self) -> None:
-        """Let go of the connection. May be called twice."""
-        self._driver.close()
-
-
-def client() -> Any:
-    """NI's own client, the package ``nidaqmx``.
-
-    Raises
-    ------
-    BenchError
-        It is not installed.
-    """
-    try:
-        import nidaqmx
-        import nidaqmx.constants
-        import nidaqmx.errors
-        import nidaqmx.grpc_session_options
-        import nidaqmx.stream_readers
-        import nidaqmx.stream_writers
-        import nidaqmx.system
-    except ImportError as error:
-        raise BenchError(
-            "the package nidaqmx is not installed",
-            code="no-nidaqmx",
-            where="bench",
-            repair=how_to_install("ni"),
-        ) from error
-    return nidaqmx
 
 
 class NiBench:
@@ -205,7 +73,7 @@ class NiBench:
         self._zero_from: int | None = None
         self._failure: IpmclabError | None = None
         self._safe = True
-        self._told_danger = False
+        self._reported_danger = False
 
     @property
     def description(self) -> str:
@@ -214,7 +82,7 @@ class NiBench:
 
     @property
     def sample(self) -> Sample | None:
-        """Nobody told the chassis what is in the clamp."""
+        """The chassis does not know what is in the clamp."""
         return None
 
     def open(self, measured: Collection[str], rate: float) -> None:
@@ -224,7 +92,7 @@ class NiBench:
         rate = above_zero("rate", rate, "Hz")
         check_measured(self.rig, measured)
         self.close()
-        driver = Driver(client(), self.rig, wait=_ANSWER)
+        driver = Driver(client(), self.rig, wait=ANSWER)
         hold: Hold | None = None
         try:
             names = tuple(dict.fromkeys(measured))
@@ -252,7 +120,7 @@ class NiBench:
         self._output = 0.0
         self._failure = None
         self._safe = True
-        self._told_danger = False
+        self._reported_danger = False
 
     def apply(self, source: Signal | RowSource, rows: int | None = None) -> Iterator[Block]:
         """Give rows out, and read: see ``Bench.apply``. Blocks come as the chassis samples them."""
@@ -266,35 +134,35 @@ class NiBench:
     def _blocks(self, feed: Feed, rows: int, zeros: int) -> Iterator[Block]:
         if rows < 1:
             return
-        told, stuck = 0, 0
+        given, stuck = 0, 0
         timed: TimedTasks | None = None
         try:
             timed = self._start(feed, zeros)
             before = self._output
-            while told < rows:
-                count = min(block_rows(self._rate), rows - told)
+            while given < rows:
+                count = min(block_rows(self._rate), rows - given)
                 # A source may take its time: zero does not wait for it.
-                feed.prepare(timed.wanted(told + count))
+                feed.prepare(timed.wanted(given + count))
                 with self._lock:
-                    timed.feed(feed, told + count)
-                # No block for this long means that the chassis stands still.
+                    timed.feed(feed, given + count)
+                # No block for this long means that the chassis does not move.
                 readings = timed.read(count, max(1.0, 5.0 * block_rows(self._rate) / self._rate))
                 output = np.concatenate([[before], feed.again(count)])
                 before = float(output[-1])
-                block = self._block(timed, told, readings, output)
-                told += count
-                if told == rows:
+                block = self._block(timed, given, readings, output)
+                given += count
+                if given == rows:
                     self._stop(timed)
                 left = self._left(block)
                 stuck = stuck + 1 if left is not None else 0
                 if left is not None and stuck > 1:
-                    raise _stuck_error(left)
+                    raise stuck_error(left)
                 yield block
         except IpmclabError as error:
             raise self._failed(error) from error.__cause__
         finally:
             if timed is not None and self._timed is timed:
-                self._abandon(feed, told)
+                self._abandon(feed, given)
 
     def _start(self, feed: Feed, zeros: int) -> TimedTasks:
         driver = self._opened()
@@ -341,14 +209,14 @@ class NiBench:
             timed.close()
             self._timed = None
 
-    def _abandon(self, feed: Feed | None = None, told: int = 0) -> None:
+    def _abandon(self, feed: Feed | None = None, given: int = 0) -> None:
         """Leave a signal that did not end; the output keeps what it gives by now."""
         with self._lock:
             timed, self._timed = self._timed, None
             if timed is None:
                 return
             with suppress(IpmclabError):
-                unread = timed.sampled() - told
+                unread = timed.sampled() - given
                 timed.stop_clock()
                 if feed is not None and self._zero_from is None and unread > 0:
                     self._output = float(feed.again(unread)[-1])
@@ -374,7 +242,7 @@ class NiBench:
         return readings
 
     def zero(self) -> None:
-        """Bring the output to 0 V now: see ``Bench.zero``. The inputs go on, so that the discharge is seen.
+        """Bring the output to 0 V now: see ``Bench.zero``. The inputs continue, so that the discharge is seen.
 
         Raises
         ------
@@ -395,7 +263,7 @@ class NiBench:
                 self._zero_by_reset(driver, demand, error)
             self._output = 0.0
             self._safe = True
-            self._told_danger = False
+            self._reported_danger = False
 
     def _zero_on_demand(self, demand: OnDemand) -> None:
         timed = self._timed
@@ -409,7 +277,7 @@ class NiBench:
             left = settled(self.rig, demand)
             demand.release_inputs()
             if left is not None and abs(left) > TOLERANCE:
-                raise _stuck_error(left)
+                raise stuck_error(left)
 
     def _zero_since(self, timed: TimedTasks) -> None:
         """The rows that are sampled from here on show 0 V; where some did before, it is from those on."""
@@ -429,9 +297,9 @@ class NiBench:
             if self._timed is not None:
                 self._zero_since(self._timed)
             else:
-                _see_zero(driver)
+                see_zero(driver)
         except IpmclabError as also:
-            self._told_danger = True
+            self._reported_danger = True
             raise self._failed(_not_zeroed(self._failure, also)) from also
 
     def close(self) -> None:
@@ -440,17 +308,17 @@ class NiBench:
         Raises
         ------
         BenchError
-            The output could not be brought to 0 V, unless ``zero`` has told so before.
+            The output could not be brought to 0 V, unless ``zero`` has reported that before.
         """
         with self._lock:
             driver, demand = self._driver, self._demand
             if driver is None or demand is None:
                 return
-            told = self._told_danger
+            was_reported = self._reported_danger
             try:
                 self.zero()
             except BenchError:
-                if not told:
+                if not was_reported:
                     raise
             finally:
                 self._abandon()
@@ -472,51 +340,8 @@ class NiBench:
         return error
 
 
-def _see_zero(driver: Driver) -> None:
-    """Read the output back; a rig whose channels cannot tell it is known for that.
-
-    Raises
-    ------
-    BenchError
-        It is not at 0 V, or it could not be read.
-    """
-    if not channels_at_output(driver.rig):
-        return
-    try:
-        volts = _read_back(driver)
-    except IpmclabError as error:
-        raise BenchError(
-            f"the output was reset, but it could not be read back: {error.message}",
-            code="output-unread",
-            where=error.where,
-            repair="see that it is at 0 V, or switch the amplifier off",
-        ) from error
-    if abs(volts) > TOLERANCE:
-        raise _stuck_error(volts)
-
-
-def _read_back(driver: Driver) -> float:
-    end = time.monotonic() + _OTHERS_READ
-    while True:
-        try:
-            return read_output(driver)
-        except IpmclabError as error:
-            if error.code != "bench-in-use" or time.monotonic() >= end:
-                raise
-        time.sleep(SETTLED)
-
-
-def _stuck_error(volts: float) -> BenchError:
-    return BenchError(
-        f"the output was set to 0 V, but {volts:.3g} V are still read",
-        code="output-stuck",
-        where="voltage",
-        repair="switch the amplifier off, then look at its wiring and at that of the output",
-    )
-
-
 def _not_zeroed(first: IpmclabError | None, also: IpmclabError) -> IpmclabError:
-    """That the output may still drive the strip, told with the first failure where there was one."""
+    """That the output may still drive the strip, reported with the first failure where there was one."""
     unread = also.code == "output-unread"
     danger = "it is not known that the output is at 0 V" if unread else "the output could not be brought to 0 V"
     if first is None:

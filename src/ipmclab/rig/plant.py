@@ -1,4 +1,4 @@
-"""A strip behind its sensors: what stands at the terminals of a rig while its output drives an actuator.
+"""A strip behind its sensors: what is at the terminals of a rig while its output drives an actuator.
 
 The in-process virtual bench and the stand-in chassis read the same plant.
 """
@@ -220,7 +220,7 @@ class StripPlant:
         return StripWater(strip, self._air, self.time, wet=self.rig.virtual.hydrated)
 
     def _follow_air(self) -> None:
-        """Let the strip follow its air; charge goes on."""
+        """Let the strip follow its air; charge continues."""
         if self._water is None:
             return
         before = self._water.strip.parameter_values
@@ -237,28 +237,28 @@ class StripPlant:
         return self.rig.source_resistance + (0.0 if upstream else self.rig.shunt_resistance)
 
     def _rest(self, channel: Channel, times: FloatArray) -> FloatArray | float:
-        """What the sensor tells while the strip rests."""
+        """What the sensor reads while the strip rests."""
         drift = self.rig.virtual.preload_drift
         if channel.name != "force" or self._actuator is None or not drift:
             return channel.rest
         return channel.rest + drift * np.expm1(-(times - self._mounted) / PRELOAD_TIME)
 
-    def _sensor(self, channel: Channel, told: FloatArray) -> FloatArray:
+    def _sensor(self, channel: Channel, output: FloatArray) -> FloatArray:
         """What a sensor makes of what is there to be measured [V]."""
         if channel.name == "force" and (self._tip == "free" or self._actuator is None):
-            told = np.zeros_like(told)
+            output = np.zeros_like(output)
         if channel.sensor_range is None:
-            return channel.to_volts(told)
+            return channel.to_volts(output)
         low, high = channel.sensor_range
-        volts = channel.to_volts(np.clip(told, low, high))
+        volts = channel.to_volts(np.clip(output, low, high))
         if channel.lost is None:
             return volts
         if channel.name == "displacement" and (self.laser_blocked or self._actuator is None):
-            return np.full(len(told), channel.lost)
-        return np.where((told < low) | (told > high), channel.lost, volts)
+            return np.full(len(output), channel.lost)
+        return np.where((output < low) | (output > high), channel.lost, volts)
 
     def _surface_resistance(self, probe: FourProbe) -> float:
-        """What the meter of the four-probe contacts sees [ohm]; a dummy load has no surface."""
+        """What the meter of the four-probe contacts reads [ohm]; a dummy load has no surface."""
         if self.probes_shorted:
             return self.rig.virtual.meter_offset
         if self._actuator is None:
@@ -338,7 +338,7 @@ class StripPlant:
 
 
 class _Terminals(Mapping[str, FloatArray]):
-    """What stands at the terminals, computed where it is looked at."""
+    """What is at the terminals, computed where it is looked at."""
 
     def __init__(self, names: tuple[str, ...], read: Callable[[str], FloatArray]) -> None:
         self._names = names

@@ -129,7 +129,7 @@ def check_signal(rig: Rig, signal: Signal, rows: int, rate: float) -> None:
         if len(beyond):
             row = int(beyond[0])
             raise InputError(
-                f"the signal asks for {voltage[row]:g} V at {(first + row) / rate:g} s, "
+                f"the signal needs {voltage[row]:g} V at {(first + row) / rate:g} s, "
                 f"the output gives {low:g} V to {high:g} V",
                 code="out-of-range",
                 where="signal",

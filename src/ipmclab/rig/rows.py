@@ -27,12 +27,12 @@ class RowSource(Protocol):
 
     A bench asks for every row once, in order, and some time before it is given out: a chassis half a second, a chassis
     that is simulated up to 20 s, a virtual bench a block. What was read comes back through ``look``, so that a source
-    may compute voltages from readings. Its text, ``str(source)``, stands in the record; without one, its class does.
+    may compute voltages from readings. Its text, ``str(source)``, is in the record; without one, its class does.
     """
 
     @property
     def length(self) -> int | None:
-        """How many rows it has; None where it goes on until it is ended."""
+        """How many rows it has; None where it continues until it is ended."""
 
     def voltages(self, first_row: int, count: int, rate: float) -> FloatArray:
         """The voltages of some rows.
@@ -50,7 +50,7 @@ class RowSource(Protocol):
         """
 
     def look(self, first_row: int, readings: Mapping[str, FloatArray]) -> None:
-        """Take the readings of some rows, once the guard has seen them.
+        """Take the readings of some rows, once the guard has checked them.
 
         Parameters
         ----------
@@ -223,7 +223,7 @@ def as_rows(source: Signal | RowSource, rows: int | None = None) -> RowSource:
 
 
 class Feed:
-    """A source that is taken piece by piece, and goes on with its last voltage for as long as it is asked for.
+    """A source that is taken piece by piece, and continues with its last voltage for as long as it is asked for.
 
     It is computed as it is taken, once: what was taken can be had once more, in the same order.
 

@@ -59,8 +59,8 @@ class Scaling:
             bits = channel.is_lost(volts) * _LOST | channel.converter.at_limit(volts) * QUALITY_FLAGS["clipped"]
             level = self._contact_levels.get(channel.name)
             if level is not None:
-                told = channel.gain * volts + channel.offset
-                bits = bits | (told <= level) * QUALITY_FLAGS["contact_lost"]
+                scaled = channel.gain * volts + channel.offset
+                bits = bits | (scaled <= level) * QUALITY_FLAGS["contact_lost"]
             found[channel.name] = bits.astype(np.uint8)
         return found
 

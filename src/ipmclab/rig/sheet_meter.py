@@ -116,15 +116,15 @@ def _of_virtual(rig: Rig, count: int, *, shorted: bool) -> tuple[str, FloatArray
     assert rig.four_probe is not None
     plant = StripPlant(rig)
     plant.probes_shorted = shorted
-    told = plant.advance(np.arange(1, count + 1) / RATE, {})[rig.four_probe.physical or "four_probe"]
+    read = plant.advance(np.arange(1, count + 1) / RATE, {})[rig.four_probe.physical or "four_probe"]
     noise = np.random.default_rng([rig.virtual.seed, len(rig.channels), int(shorted)])
-    return f"virtual bench, {rig.name}", np.asarray(told + NOISE * noise.standard_normal(count))
+    return f"virtual bench, {rig.name}", np.asarray(read + NOISE * noise.standard_normal(count))
 
 
 def _of_chassis(rig: Rig, count: int) -> tuple[str, FloatArray]:
+    from ipmclab.rig.daqmx.client import client
     from ipmclab.rig.daqmx.driver import Driver, module_of
     from ipmclab.rig.daqmx.in_use import Hold
-    from ipmclab.rig.ni import client
 
     assert rig.four_probe is not None
     driver = Driver(client(), rig, wait=_ANSWER)

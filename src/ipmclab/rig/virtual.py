@@ -74,7 +74,7 @@ class VirtualBench:
 
     @property
     def plant(self) -> StripPlant:
-        """What stands behind the channels."""
+        """What is behind the channels."""
         if self._plant is None:
             self._plant = StripPlant(self.rig, self._actuator)
         return self._plant
@@ -94,7 +94,7 @@ class VirtualBench:
         """The strip in the clamp."""
         return None if self.plant.actuator is None else self.plant.actuator.sample
 
-    def hands(self, words: str) -> None:
+    def operate(self, words: str) -> None:
         """Do what an operator does: see ``ipmclab.rig.operator_actions``."""
         from ipmclab.rig.operator_actions import carry_out
 
@@ -103,7 +103,7 @@ class VirtualBench:
     def open(self, measured: Collection[str], rate: float) -> None:
         """Take the strip as it was left, with the output at 0 V: see ``Bench.open``.
 
-        No time passes between two openings: ``hands("rest")`` lets the strip discharge.
+        No time passes between two openings: ``operate("rest")`` lets the strip discharge.
         """
         rate = above_zero("rate", rate, "Hz")
         check_measured(self.rig, measured)

@@ -270,5 +270,5 @@ def is_required(parameter: Field[Any]) -> bool:
 
 
 def is_unnamed(parameter: Field[Any]) -> bool:
-    """Whether a parameter stands in text without its name: the required ones and some others, which come first."""
+    """Whether a parameter is in text without its name: the required ones and some others, which come first."""
     return is_required(parameter) or "unnamed" in parameter.metadata

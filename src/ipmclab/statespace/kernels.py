@@ -15,9 +15,9 @@ IndexArray = npt.NDArray[np.int64]
 
 _STEADY = 1e-14  # of a gain: as far as rounding lets it settle (derived)
 
-_SETTLED = 1e-10  # of a variance: what is searched over it is then smooth far below what the readings tell
+_SETTLED = 1e-10  # of a variance: what is searched over it is then smooth far below what the readings show
 
-_ROUNDING = ROUNDING  # of a column's square: less than that is not left of it beside other columns
+_ROUNDING = ROUNDING  # of a column's square: less than that is not left of it after other columns
 
 
 @kernel
@@ -50,7 +50,7 @@ def whiten(
     """Turn correlated rows into independent ones of variance 1: a Kalman filter, with one gain for all columns.
 
     The noise is ``seen' x`` plus white noise of variance ``reading``, with x stepping by a transition and driven by
-    noise; time may go on by steps of several kinds. What the filter does not foresee of a column, over its standard
+    noise; time may continue by steps of several kinds. What the filter does not foresee of a column, over its standard
     deviation, is the column multiplied by the inverse of the Cholesky factor of the noise's covariance.
 
     Parameters

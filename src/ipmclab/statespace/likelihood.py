@@ -1,4 +1,4 @@
-"""Restricted likelihood of the noise of one output of one run, beside all other readings of a fit."""
+"""Restricted likelihood of the noise of one output of one run, with all other readings of a fit."""
 
 from __future__ import annotations
 

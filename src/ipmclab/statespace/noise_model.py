@@ -30,7 +30,7 @@ class NoiseModel:
     walk : float [SI/s^0.5]
         Standard deviation of what a random walk gathers in a second.
     white : float [SI]
-        Standard deviation of white noise beside an autoregression.
+        Standard deviation of white noise in addition to an autoregression.
     offset, trend : bool
         Whether the run has an unknown level, and a slope; their values stand with the observation.
 

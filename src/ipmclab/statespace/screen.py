@@ -12,11 +12,12 @@ _LAGS: Final = 20  # of the Ljung-Box test (convention)
 _BLOCKS: Final = (16, 128)  # rows, whose means show what is slower than neighbours (convention)
 _REJECT: Final = 0.005  # p of each of the four tests: at most 2 % of white residuals are searched in vain (derived)
 _FEWEST: Final = 30
-"""Readings below which no noise model but white can be told."""
+"""Readings below which no noise model but white can be determined."""
 
 
 def of_neighbours(residual: FloatArray) -> float:
-    """How rarely neighbours of white noise about zero belong together as much (Ljung and Box); 1 where nothing tells.
+    """How rarely neighbours of white noise about zero belong together as much (Ljung and Box); 1 where nothing shows
+    it.
 
     Examples
     --------
@@ -37,7 +38,7 @@ def needs_search(residual: FloatArray, explained: float) -> bool:
     """Whether a noise model is to be looked for.
 
     Three tests, each at half a per cent: neighbours (Ljung and Box), means of blocks, which a slow level moves, and
-    what an offset and a trend would explain beside the free parameters.
+    what an offset and a trend would explain together with the free parameters.
 
     Parameters
     ----------

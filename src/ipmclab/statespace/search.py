@@ -91,7 +91,7 @@ def _refine(columns: Columns, others: Others, terms: Terms, starts: Iterable[Flo
 
 
 def _to_the_end(columns: Columns, others: Others, found: Found) -> Found:
-    """The lowest point itself: where near it a search has stopped hangs on the last bits of the arithmetic."""
+    """The lowest point itself: where near it a search has stopped depends on the last bits of the arithmetic."""
     if not len(found.entries) or not math.isfinite(found.likelihood.deviance):
         return found
     height = _heights(columns, others, found.terms, found.likelihood)
@@ -184,7 +184,7 @@ def _parabola(
 
 
 def rough_noise(columns: Columns, others: FloatArray, allowed: Allowed) -> Found:
-    """A noise that comes near to most: offset, trend, and white noise beside a correlation that fades."""
+    """A noise that comes near to most: offset, trend, and white noise in addition to a correlation that fades."""
     terms = Terms(order=1, white=True, offset=allowed.offset, trend=allowed.trend)
     starts = [np.array([one, math.log(white)]) for one, white in itertools.product(_FADING, _WHITES)]
     return refine(columns, others, terms, starts)

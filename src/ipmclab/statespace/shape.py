@@ -117,8 +117,8 @@ def drawn(shape: Shape, steps: npt.NDArray[np.int64], generator: np.random.Gener
     found = generator.standard_normal(count)
     if order:
         coefficients, covariances = autoregression(np.tanh(shape.entries[:order]))
-        apart = np.abs(np.arange(order)[:, None] - np.arange(order))
-        before = np.linalg.cholesky(covariances[apart]) @ generator.standard_normal(order)
+        lags = np.abs(np.arange(order)[:, None] - np.arange(order))
+        before = np.linalg.cholesky(covariances[lags]) @ generator.standard_normal(order)
         found = continued(coefficients, before, found)
         if shape.terms.white:
             found = found + np.exp(shape.entries[-1]) * generator.standard_normal(count)

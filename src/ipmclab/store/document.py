@@ -1,4 +1,4 @@
-"""What a run carries beside its arrays, as one JSON document: the same in every file that we write."""
+"""What a run carries in addition to its arrays, as one JSON document: the same in every file that we write."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def metadata_table(metadata: RunMetadata) -> dict[str, Any]:
 
     try:
         table = _adapter().dump_python(metadata, exclude_none=True, warnings="error")
-        # What an older ipmclab does not know stands there only where it says something.
+        # What an older ipmclab does not know is there only where it says something.
         if not table["findings"]:
             del table["findings"]
         if "sample" in table:

@@ -29,7 +29,7 @@ CHUNK_ROWS: Final = 65536  # half a megabyte of float64: read whole in one piece
 def write_run(run: Run, path: str | os.PathLike[str], *, overwrite: bool = False) -> None:
     """Write a run to a netCDF-4 file.
 
-    The file is written beside its target, read back, compared, and only then renamed to it.
+    The file is written next to its target, read back, compared, and only then renamed to it.
 
     Parameters
     ----------
@@ -162,7 +162,7 @@ def peek(path: str | os.PathLike[str], names: Collection[str]) -> dict[str, str]
 
         with h5py.File(source, "r") as file:
             found = {name: _text(file, name) for name in names if name in file.attrs}
-    except Exception:  # whoever reads the file is told
+    except Exception:  # whoever reads the file learns it
         return {}
     return {name: text for name, text in found.items() if text is not None}
 
@@ -238,7 +238,7 @@ def _text(file: h5py.File, attribute: str) -> str | None:
 
 
 def _sha256(text: str) -> str:
-    # HDF5 hands over bytes that are no UTF-8 (a damaged file) as surrogates: they are counted as those bytes.
+    # HDF5 passes bytes that are no UTF-8 (a damaged file) as surrogates: they are counted as those bytes.
     return hashlib.sha256(text.encode("utf-8", "surrogateescape")).hexdigest()
 
 

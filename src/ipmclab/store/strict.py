@@ -59,7 +59,7 @@ def validated(model: type[Table], document: Any, *, where: str) -> Table:
     ----------
     model : class of Strict
     document : object
-        What stands in the file.
+        What is in the file.
     where : str
         The file.
 

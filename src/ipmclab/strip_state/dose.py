@@ -23,9 +23,9 @@ def doses_of(runs: Sequence[Run], scale: str) -> list[float]:
     ----------
     runs : sequence of Run
     scale : "runs", "hours" or "charge"
-        The runs since the first one, the hours since it, or the charge that passed in either direction. Runs are told
-        by ``run_number`` where every run states it and the numbers rise with the order: those that are not given count
-        too. Else the runs that are given are counted.
+        The runs since the first one, the hours since it, or the charge that passed in either direction. Runs are
+        counted by ``run_number`` where every run states it and the numbers rise with the order: those that are not
+        given count too. Else the runs that are given are counted.
 
     Returns
     -------
@@ -54,7 +54,7 @@ def doses_of(runs: Sequence[Run], scale: str) -> list[float]:
         keys = times
     elif scale == "hours":
         raise InputError(
-            "hours are asked for, and this run does not say when it was recorded",
+            "the dose is to be counted in hours, and this run does not state when it was recorded",
             code="no-time-of-run",
             where=f"runs[{next(place for place, one in enumerate(times) if math.isnan(one))}]",
             repair="state recorded_at, or count the dose in runs",
@@ -117,7 +117,7 @@ def _charge(run: Run, place: int) -> float:
     there = np.zeros(0, dtype=bool) if run.current is None else np.isfinite(run.current)
     if run.current is None or not there.any():
         raise InputError(
-            "a dose in charge is asked for, and this run has no current",
+            "the dose is to be counted in charge, and this run has no current",
             code="no-readings",
             where=f"runs[{place}]",
             repair="count the dose in runs or hours",

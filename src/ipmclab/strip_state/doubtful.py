@@ -25,13 +25,13 @@ _SETTLED: Final = 3.0  # time constants of sorption
 _STILL: Final = 0.01  # of the water content: a smaller change shows in nothing that is read
 
 
-def extrapolated(state: RunState, seen: Sequence[RunState], label: str) -> list[Finding]:
+def extrapolated(state: RunState, fitted_states: Sequence[RunState], label: str) -> list[Finding]:
     """``environment-extrapolated``: a state outside those in which the runs of a fit were.
 
     Parameters
     ----------
     state : RunState
-    seen : sequence of RunState
+    fitted_states : sequence of RunState
         Of the runs of the fit.
     label : str
         For the message.
@@ -39,7 +39,7 @@ def extrapolated(state: RunState, seen: Sequence[RunState], label: str) -> list[
     beyond = []
     for what, unit, slack in (("relative_humidity", "%RH", _WETTER), ("temperature", "degC", _WARMER)):
         own = getattr(state, what)
-        others = [other for one in seen if (other := getattr(one, what)) is not None]
+        others = [other for one in fitted_states if (other := getattr(one, what)) is not None]
         if own is None or not others:
             continue
         low, high = min(others), max(others)

@@ -129,17 +129,17 @@ def state_of(actuator: Actuator, run: Run, *, label: str, before: tuple[Run, Run
     error = about.uncertainties.get("relative_humidity", usual)
     how = about.water_content_origin or "assumed"
     if about.water_content is not None and (about.origin == "simulated" or how != "assumed"):
-        spread = about.uncertainties.get("water_content", 0.0)
-        return RunState(about.water_content, spread, how, temperature, humidity)
+        uncertainty = about.uncertainties.get("water_content", 0.0)
+        return RunState(about.water_content, uncertainty, how, temperature, humidity)
     weighed = _weighed(actuator, run, label)
     if weighed is not None:
         return RunState(*weighed[:2], "measured", temperature, humidity, shared_uncertainty=weighed[2])
     start = _start(actuator, run, before, temperature)
     if start is not None:
-        water, spread = _computed(actuator, start, air, error)
-        return RunState(water, spread, "computed", temperature, humidity)
-    spread = float(slope(values, humidity / 100.0)) * error / 100.0
-    return RunState(equilibrium(values, air).water_content, spread, "assumed", temperature, humidity, error)
+        water, uncertainty = _computed(actuator, start, air, error)
+        return RunState(water, uncertainty, "computed", temperature, humidity)
+    uncertainty = float(slope(values, humidity / 100.0)) * error / 100.0
+    return RunState(equilibrium(values, air).water_content, uncertainty, "assumed", temperature, humidity, error)
 
 
 def _weighed(actuator: Actuator, run: Run, label: str) -> tuple[float, float, float] | None:

@@ -162,7 +162,7 @@ class Sampled:
         if begin > at:
             sequence.fast_forward(begin - at)
         with warnings.catch_warnings():
-            # SciPy sees a part and warns that it is no power of two; the whole is one.
+            # SciPy gets a part and warns that it is no power of two; the whole is one.
             warnings.filterwarnings("ignore", message="The balance properties of Sobol", category=UserWarning)
             points: FloatArray = sequence.random(end - begin)
         self._walked[size] = end, sequence
@@ -170,7 +170,7 @@ class Sampled:
 
     @cached_property
     def _walked(self) -> dict[int, tuple[int, Any]]:
-        """Sequences where they were left: to walk to the last of 10^9 points anew takes seconds."""
+        """Sequences where they were left: to walk to the last of 10^9 points again takes seconds."""
         return {}
 
     @cached_property
@@ -182,7 +182,7 @@ class Sampled:
 
     @cached_property
     def _hypercube(self) -> FloatArray:
-        """All of it: where a slice goes hangs on all others."""
+        """All of it: where a slice goes depends on all others."""
         from scipy.stats import qmc
 
         points: FloatArray = qmc.LatinHypercube(len(self.ranges), seed=self.seed).random(self.base)

@@ -2,7 +2,7 @@
 
 A way changes one parameter at each step. What a metric changes by, over the part of the range that the step went, is
 an elementary effect. Their mean magnitude says how much a parameter matters; their standard deviation how much that
-hangs on the others, or bends (Morris 1991; Campolongo and others 2007). It takes fewer sets than Sobol indices, and
+depends on the others, or bends (Morris 1991; Campolongo and others 2007). It takes fewer sets than Sobol indices, and
 says less: which parameters of many can be left out.
 """
 
@@ -35,7 +35,7 @@ class Effect:
     magnitude : float [SI]
         Mean of their magnitudes.
     magnitude_interval : pair of float [SI]
-        95 %, of ways drawn anew.
+        95 %, of ways drawn again.
     standard_deviation : float [SI]
         Of the effects.
     """

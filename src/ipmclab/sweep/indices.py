@@ -20,7 +20,7 @@ Ends = tuple[float, float]
 
 _DRAWS: Final = 200
 _SEED: Final = 20261121
-_FEWEST: Final = 2  # pairs: one drawn anew is always itself
+_FEWEST: Final = 2  # pairs: one drawn again is always itself
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class Index:
     first, total : float
         First-order and total index.
     first_interval, total_interval : pair of float
-        95 %, of pairs of points drawn anew.
+        95 %, of pairs of points drawn again.
     """
 
     first: float

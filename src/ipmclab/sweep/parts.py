@@ -1,7 +1,7 @@
 """The folder of a sweep: Parquet files of consecutive sets, each there as a whole or not at all.
 
-A part is written beside its place, forced onto the disk and renamed. After a kill every file that has its name is
-complete; what was half written has another name and is removed. Which parts lack is told by the names alone.
+A part is written next to its place, forced onto the disk and renamed. After a kill every file that has its name is
+complete; what was half written has another name and is removed. Which parts lack is shown by the names alone.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ class Parts:
         return part * self.size, min((part + 1) * self.size, self.count)
 
     def path(self, part: int) -> Path:
-        """Where a part stands."""
+        """Where a part is."""
         return self.folder / f"part-{part:08d}.parquet"
 
     def done(self) -> int:
@@ -107,7 +107,7 @@ class Parts:
 
     @contextmanager
     def held(self, digest: str, about: Mapping[str, Any]) -> Iterator[None]:
-        """The folder, made or found, held against a second program; rests of a killed one are removed.
+        """The folder, made or found, locked against a second program; rests of a killed one are removed.
 
         Raises
         ------

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from ipmclab.engine import Engine, Here
 from ipmclab.errors import InputError, suggest
 from ipmclab.model.device import Device, on_gpu, worth
-from ipmclab.progress import Tell
+from ipmclab.progress import OnProgress
 from ipmclab.sweep.chunks import Filling, chunks, measure, pace_of, without_values
 from ipmclab.sweep.design import Sampled
 from ipmclab.sweep.effects import Effect, morris_effects
@@ -26,8 +26,8 @@ FloatArray = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Spread:
-    """How a metric is spread over the sets; sets without a reading (NaN) are left out.
+class Distribution:
+    """How a metric is distributed over the sets; sets without a reading (NaN) are left out.
 
     Parameters
     ----------
@@ -87,8 +87,8 @@ class Swept:
                 found[name].append(values[first::step])
         return {name: np.concatenate(values) for name, values in found.items()}
 
-    def spreads(self) -> dict[str, Spread]:
-        """How each metric is spread, read part by part."""
+    def distributions(self) -> dict[str, Distribution]:
+        """How each metric is distributed, read part by part."""
         names = self.sweep.metrics.names
         return {name: _spread(part[name] for part in self.parts.read([name])) for name in names}
 
@@ -120,23 +120,23 @@ def run_sweep(
     folder: str | Path,
     *,
     engine: Engine | None = None,
-    progress: Tell | None = None,
+    progress: OnProgress | None = None,
     device: Device = "auto",
 ) -> Swept:
     """Simulate what lacks of a sweep, and write it.
 
     Whatever ends it, a kill of the process or of the machine among it, each file that is there is complete, and the
-    next call goes on behind the last one.
+    next call continues after the last one.
 
     Parameters
     ----------
     sweep : Sweep
     folder : str or Path
-        Made where it is not there; a folder that holds a part of the same sweep is gone on with.
+        Made where it is not there; a folder that holds a part of the same sweep is continued.
     engine : Engine, optional
         Who simulates: this process where it is left out. The files are the same, to the last bit.
     progress : function of (str, float), optional
-        Told what is done after each file or chunk; whatever it raises ends the work.
+        Called with what is done after each file or chunk; whatever it raises ends the work.
     device : "auto", "cpu" or "gpu"
         As in ``simulate_many``; each worker asks for a GPU of its own machine. The numbers are the same to 1e-12.
 
@@ -182,11 +182,11 @@ def run_sweep(
     return Swept(sweep, parts, found)
 
 
-def _run(sweep: Sweep, parts: Parts, engine: Engine, device: Device, done: int, tell: Tell) -> None:
+def _run(sweep: Sweep, parts: Parts, engine: Engine, device: Device, done: int, on_progress: OnProgress) -> None:
     """Simulate what lacks; so many sets are done."""
     pace = pace_of(sweep)
     filling = Filling(parts)
-    said = partial(_say, tell, parts)
+    said = partial(_say, on_progress, parts)
     said(done)
     work = partial(measure, device=device)
     for _, measured in engine.map(work, without_values(sweep), chunks(sweep, parts, pace, engine)):
@@ -198,11 +198,11 @@ def _run(sweep: Sweep, parts: Parts, engine: Engine, device: Device, done: int, 
         said(done)
 
 
-def _say(tell: Tell, parts: Parts, done: int) -> None:
-    tell(f"{min(done, parts.count)} of {parts.count} sets", min(done / (parts.size * parts.files), 1.0))
+def _say(on_progress: OnProgress, parts: Parts, done: int) -> None:
+    on_progress(f"{min(done, parts.count)} of {parts.count} sets", min(done / (parts.size * parts.files), 1.0))
 
 
-def _spread(parts: Iterator[FloatArray]) -> Spread:
+def _spread(parts: Iterator[FloatArray]) -> Distribution:
     """Joined part by part, so that no digit is lost where the mean is far from 0 (Chan, Golub and LeVeque 1983)."""
     count, mean, squares, smallest, largest, missing = 0, 0.0, 0.0, np.inf, -np.inf, 0
     for part in parts:
@@ -211,10 +211,10 @@ def _spread(parts: Iterator[FloatArray]) -> Spread:
         if not len(values):
             continue
         own = float(values.mean())
-        apart, both = own - mean, count + len(values)
-        squares += float(((values - own) ** 2).sum()) + apart**2 * count * len(values) / both
-        mean += apart * len(values) / both
+        shift, both = own - mean, count + len(values)
+        squares += float(((values - own) ** 2).sum()) + shift**2 * count * len(values) / both
+        mean += shift * len(values) / both
         count, smallest, largest = both, min(smallest, float(values.min())), max(largest, float(values.max()))
     if not count:
-        return Spread(np.nan, np.nan, np.nan, np.nan, missing)
-    return Spread(smallest, mean, largest, float(np.sqrt(squares / count)), missing)
+        return Distribution(np.nan, np.nan, np.nan, np.nan, missing)
+    return Distribution(smallest, mean, largest, float(np.sqrt(squares / count)), missing)

@@ -72,7 +72,7 @@ class Sweep:
         return Batch.of(self.actuator, self.signal, sets, self.record, self.metrics.outputs)
 
     def digest(self) -> str:
-        """The same for the same sweep, another where anything differs that its numbers hang on."""
+        """The same for the same sweep, another where anything differs that its numbers depend on."""
         import scipy
 
         voltage = Batch.of(self.actuator, self.signal, None, self.record, self.metrics.outputs).voltage

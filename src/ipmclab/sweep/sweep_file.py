@@ -63,7 +63,7 @@ class _SweepTable(Strict):
 
 
 def read_sweep(path: str | Path) -> Sweep:
-    """Read a sweep; files that it names lie beside it unless their path says otherwise.
+    """Read a sweep; files that it names are in the same folder unless their path says otherwise.
 
     Parameters
     ----------
@@ -119,9 +119,9 @@ def sweep_from_text(text: str, *, where: str = "sweep", folder: Path | None = No
     if isinstance(document.get("ranges"), dict):
         document["ranges"] = dict(_dotted(document["ranges"]))
     table = validated(_SweepTable, document, where=where)
-    beside = folder or Path()
+    place = folder or Path()
     try:
-        return _sweep(table, beside)
+        return _sweep(table, place)
     except InputError as error:
         at = f"{where}: {error.where}" if error.where and not error.where.startswith(where) else error.where or where
         raise InputError(error.message, code=error.code, where=at, repair=error.repair) from error
@@ -217,7 +217,7 @@ def _check_counts(design: _DesignTable, parameters: int) -> None:
     if design.kind == "morris":
         if design.base < _FEWEST_WAYS:
             raise InputError(
-                f"{design.base} ways do not tell how far an effect is spread",
+                f"{design.base} ways do not show how much an effect varies",
                 code="bad-base",
                 where="design.base",
                 repair=f"give 20, or at least {_FEWEST_WAYS}",

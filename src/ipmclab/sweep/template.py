@@ -6,7 +6,7 @@ from typing import Final
 
 TEMPLATE: Final = """\
 # A sweep of ipmclab: simulate a strip with many parameter sets, and keep a few numbers of each.
-actuator = "friend-2"                    # of the library, or a TOML file beside this one
+actuator = "friend-2"                    # of the library, or a TOML file in this folder
 signal = "sine 1 V 0.5 Hz"
 duration = "10 s"
 rate = "50 Hz"

@@ -1,6 +1,6 @@
-"""From runs to a fit with all that is shown beside it: profiles, and each run left out.
+"""From runs to a fit with all that is shown with it: profiles, and each run left out.
 
-The answer stands first. What follows can be interrupted, and is asked for where it is costly.
+The answer comes first. What follows can be interrupted, and is asked for where it is costly.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from ipmclab.identification.problem.free import parse_free
 from ipmclab.model import Actuator
 from ipmclab.prediction.left_out import leave_one_run_out
 from ipmclab.prediction.validate import run_labels
-from ipmclab.progress import Tell, part, telling
+from ipmclab.progress import OnProgress, part, reporting_to
 from ipmclab.refitting.profiles import profile
 from ipmclab.run import Finding, Run
 
@@ -26,7 +26,7 @@ LONG: Final = 10_000
 
 
 class Asked(TypedDict, total=False):
-    """What ``identify`` takes beside an actuator and its runs."""
+    """What ``identify`` takes in addition to an actuator and its runs."""
 
     free: Required[Sequence[str]]
     per_run: Sequence[str]
@@ -41,7 +41,7 @@ def fit_of_runs(
     *,
     thorough: bool = True,
     anyway: bool = False,
-    progress: Tell | None = None,
+    progress: OnProgress | None = None,
     **asked: Unpack[Asked],
 ) -> Fit:
     """Identify, follow the profile of every parameter, and leave out each run where there are several.
@@ -80,7 +80,7 @@ def fit_of_runs(
     """
     if not anyway:
         _refuse_wrong_units(actuator, runs, asked)
-    with telling(progress):
+    with reporting_to(progress):
         with part("", 0.0, 0.8):
             fit = identify(actuator, runs, **asked)
         if not thorough and _is_costly(actuator, runs):

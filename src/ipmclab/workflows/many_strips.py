@@ -10,7 +10,7 @@ from ipmclab.errors import InputError, IpmclabError
 from ipmclab.fit.fit import Fit
 from ipmclab.model import Actuator
 from ipmclab.prediction.validate import run_labels
-from ipmclab.progress import Tell
+from ipmclab.progress import OnProgress
 from ipmclab.run import Run
 from ipmclab.workflows.fitting import fit_of_runs
 
@@ -69,7 +69,11 @@ def by_strip(runs: Sequence[Run]) -> dict[str, list[Run]]:
 
 
 def fit_strips(
-    strips: Mapping[str, Sequence[Run]], asked: Asked, *, engine: Engine | None = None, progress: Tell | None = None
+    strips: Mapping[str, Sequence[Run]],
+    asked: Asked,
+    *,
+    engine: Engine | None = None,
+    progress: OnProgress | None = None,
 ) -> Iterator[tuple[str, Fit | IpmclabError]]:
     """The fit of each strip as soon as it is there, or the error that it ended in.
 
@@ -80,7 +84,7 @@ def fit_strips(
     engine : Engine, optional
         Who fits: this process where it is left out. The fits are the same, to the last bit.
     progress : function of (str, float), optional
-        Told after each fit.
+        Called after each fit.
 
     Examples
     --------
@@ -92,11 +96,11 @@ def fit_strips(
     [43.42, 43.42]
     """
     names = list(strips)
-    tell: Tell = progress or (lambda *_: None)
-    tell(f"0 of {len(names)} strips", 0.0)
+    on_progress: OnProgress = progress or (lambda *_: None)
+    on_progress(f"0 of {len(names)} strips", 0.0)
     tasks = (strips[name] for name in names)
     for done, (place, found) in enumerate((engine or Here()).map(_fit, asked, tasks), start=1):
-        tell(f"{done} of {len(names)} strips", done / len(names))
+        on_progress(f"{done} of {len(names)} strips", done / len(names))
         yield names[place], found
 
 

@@ -26,7 +26,7 @@ def _names(task: HostedTask) -> str:
 
 
 def _looked_at(task: HostedTask) -> HostedTask:
-    """The task after the chassis has caught up: a look takes time on a clock that stands still."""
+    """The task after the chassis has caught up: a look takes time on a clock that does not move."""
     if task.running and task.hardware_timed:
         task.chassis.pass_time()
     return task

@@ -69,7 +69,7 @@ class InputBuffer:
         return self.available > self.size
 
     def skip_lost(self) -> None:
-        """Go on with the oldest sample that is still there."""
+        """Continue with the oldest sample that is still there."""
         self.position = max(self.position, self.acquired - self.size)
 
     def put(self, codes: Codes) -> None:
@@ -151,6 +151,6 @@ class OutputBuffer:
         return self._ring[:, places]
 
     def rewind(self) -> None:
-        """Begin anew with what the ring holds, as a task that is started again does."""
+        """Begin again with what the ring holds, as a task that is started again does."""
         self.written = self.filled
         self.generated = 0

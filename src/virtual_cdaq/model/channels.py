@@ -153,7 +153,7 @@ def _in_degrees(celsius: Floats, units: int) -> Floats:
 
 
 class Converter:
-    """One channel while it converts: its noise goes on from sample to sample.
+    """One channel while it converts: its noise continues from sample to sample.
 
     Parameters
     ----------

@@ -31,7 +31,7 @@ from virtual_cdaq.model.task import FINITE, State, Task
 
 SEED = 20261121
 AT_ONCE = 32_768  # edges of one clock that are worked through in one go
-ON_DEMAND = 1e-3  # s that an on-demand call takes when time stands still between calls
+ON_DEMAND = 1e-3  # s that an on-demand call takes when time does not move between calls
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ class Chassis:
     seed : int
         Of the converters' noise and offset.
     on_demand : float [s]
-        What an on-demand call takes on a clock that otherwise stands still.
+        What an on-demand call takes on a clock that otherwise does not move.
     faults : sequence of Fault
 
     Examples
@@ -255,7 +255,7 @@ class Chassis:
         """The converter of a new acquisition on a channel."""
         acquisition = self._acquisitions.get(channel.physical, 0)
         self._acquisitions[channel.physical] = acquisition + 1
-        # Of the sensor at the terminal, where the plant tells it: added here, so that it goes by the sample too.
+        # Of the sensor at the terminal, where the plant states it: added here, so that it goes by the sample too.
         sensor = getattr(self.plant, "noise", {}).get(channel.physical, 0.0)
         return Converter(channel, self.seed, acquisition, high_resolution=high_resolution, sensor_noise=sensor)
 
@@ -337,11 +337,11 @@ class Chassis:
         real = self._fed[1] + ticks(wall - self._fed[2])
         if now > max(fed, real):
             now = max(int(fed), real, self.tick)
-            self.clock.go_on_from(now)
+            self.clock.continue_from(now)
         return now
 
     def pass_time(self) -> None:
-        """What an on-demand call, or a look at a task, takes on a clock that stands still between calls."""
+        """What an on-demand call, or a look at a task, takes on a clock that does not move between calls."""
         if isinstance(self.clock, LockStepClock):
             self.clock.step_to(self.clock.now() + self._on_demand)
         self.advance()
@@ -415,7 +415,7 @@ class Chassis:
             self.levels[physical] = level
 
     def show(self) -> None:
-        """Tell whoever follows the levels, when one has changed."""
+        """Inform whoever follows the levels, when one has changed."""
         if self.levels != self._shown:
             self._shown = dict(self.levels)
             self.on_level(dict(self.levels))

@@ -89,13 +89,13 @@ class RealClock:
         """How long a span of ticks lasts on the wall [s]."""
         return span / TICKS_PER_SECOND / self.speed
 
-    def go_on_from(self, tick: int) -> None:
+    def continue_from(self, tick: int) -> None:
         """Let it be `tick` now."""
         self._zero = time.perf_counter() - self.wall(tick)
 
 
 class LockStepClock:
-    """Time that stands still until somebody waits for something, and then is there at once.
+    """Time that does not move until somebody waits for something, and then is there at once.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""What happens at an edge: inputs are read, the plant goes on, outputs change."""
+"""What happens at an edge: inputs are read, the plant continues, outputs change."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ def _acquire(task: Task, faults: Faults, points: Ticks, edges: Ticks, terminals:
 
 
 def terminal_of(terminals: Mapping[str, Floats], channel: Channel) -> Floats:
-    """What stands at the terminal of a channel: nothing is wired to one that the plant does not name."""
+    """What is at the terminal of a channel: nothing is wired to one that the plant does not name."""
     values = terminals.get(channel.physical)
     if values is None:
         return np.array(np.inf if channel.module.resistive else 0.0)

@@ -1,4 +1,4 @@
-"""Those who want to be told when something happens to a task."""
+"""Those who want to be informed when something happens to a task."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ def tell(tasks: Sequence[Task]) -> None:
         for listener in list(task.listeners):
             if listener.kind == "done":
                 finished = task.failure is not None or (task.hardware_timed and task.ended)
-                if finished and not listener.told:
-                    listener.told = 1
+                if finished and not listener.reported:
+                    listener.reported = 1
                     listener.call(task.failure.code if task.failure else 0)
                 continue
             if listener.kind == "transferred":
                 count = task.output_buffer.generated if task.output_buffer is not None else 0
             else:
                 count = task.input_buffer.acquired if task.input_buffer is not None else 0
-            while (listener.told + 1) * listener.every <= count:
-                listener.told += 1
+            while (listener.reported + 1) * listener.every <= count:
+                listener.reported += 1
                 listener.call(0)
 
 
@@ -37,9 +37,9 @@ def next_event(tasks: Sequence[Task]) -> int | None:
         for listener in task.listeners:
             tick: int | None = None
             if listener.kind == "done":
-                tick = task.done_tick() if not listener.told else None
+                tick = task.done_tick() if not listener.reported else None
             else:
-                last = (listener.told + 1) * listener.every
+                last = (listener.reported + 1) * listener.every
                 buffer = task.input_buffer
                 room = (
                     listener.kind == "transferred"

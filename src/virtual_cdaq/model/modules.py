@@ -18,7 +18,7 @@ class Range:
     Parameters
     ----------
     low, high : float [V, or ohm]
-        What the range is called, and what the client is told.
+        What the range is called, and what the client gets.
     full_scale : float [V, or ohm]
         Half of what the converter covers (all of it for a resistance): a little more than the range is called.
     noise : float [V, or ohm]

@@ -19,7 +19,7 @@ class Plant(Protocol):
     """
 
     def advance(self, times: Floats, outputs: Mapping[str, Floats]) -> Mapping[str, Floats]:
-        """Let time pass and tell what the terminals carry.
+        """Let time pass and return what the terminals carry.
 
         Parameters
         ----------
@@ -33,7 +33,7 @@ class Plant(Protocol):
         Returns
         -------
         mapping of physical channel to array of float, shape (n,) [V, or ohm for a NI 9217]
-            What stands at the terminal at ``times[k]``, read just before an output changes there. A terminal that is
+            What is at the terminal at ``times[k]``, read just before an output changes there. A terminal that is
             left out is not wired: 0 V, or open for a NI 9217.
         """
 
@@ -42,7 +42,7 @@ class RcPlant:
     """A resistor and a capacitor, enough to see that the chassis works.
 
     The output ``cDAQ1Mod2/ao0`` is wired to ``cDAQ1Mod1/ai3`` and charges a capacitor (``ai1``) through a resistor; the
-    current runs through a 1 ohm shunt (``ai0``). A 100 ohm resistor stands at ``cDAQ1Mod3/ai0`` and a Pt100 at 22 degC
+    current runs through a 1 ohm shunt (``ai0``). A 100 ohm resistor is at ``cDAQ1Mod3/ai0`` and a Pt100 at 22 degC
     at ``cDAQ1Mod3/ai1``.
 
     Parameters

@@ -57,7 +57,7 @@ class Listener:
         Samples per channel between two calls.
     call : callable
         Takes the status: 0, or the code of the error that ended the task.
-    told : int
+    reported : int
         How often it was called since the task's start.
     close : callable
         Ends whatever waits for the calls.
@@ -66,7 +66,7 @@ class Listener:
     kind: Literal["acquired", "transferred", "signal", "done"]
     every: int
     call: Callable[[int], None]
-    told: int = 0
+    reported: int = 0
     close: Callable[[], None] = lambda: None
 
 
@@ -125,7 +125,7 @@ class Task:
     clock : Engine or None
         Whose edges it follows: its own engine or another.
     edges : int
-        Edges seen since the start.
+        Edges counted since the start.
     ended : bool
         Whether a finite task has done its samples.
     failure : ChassisError or None
@@ -147,7 +147,7 @@ class Task:
     edges: int = 0
     ended: bool = False
     failure: ChassisError | None = None
-    told_failure: bool = False
+    reported_failure: bool = False
     started_by_read: bool = False
     regenerate: bool = True
     overwrite: bool = False
@@ -326,10 +326,10 @@ class Task:
         self.edges = 0
         self.ended = False
         self.failure = None
-        self.told_failure = False
+        self.reported_failure = False
         self.started_by_read = False
         for listener in self.listeners:
-            listener.told = 0
+            listener.reported = 0
         self.state = State.RUNNING
         if self.kind == "ai":
             self._prepare_input()
@@ -374,8 +374,8 @@ class Task:
                 self.unreserve()
         self.failure = None
         self.chassis.changed.notify_all()
-        if failure is not None and not self.told_failure:
-            self.told_failure = True
+        if failure is not None and not self.reported_failure:
+            self.reported_failure = True
             raise failure
         return warning
 
@@ -401,9 +401,9 @@ class Task:
             self.failure = failure
 
     def raise_failure(self) -> None:
-        """Tell the program what ended the task."""
+        """Report to the program what ended the task."""
         if self.failure is not None:
-            self.told_failure = True
+            self.reported_failure = True
             raise self.failure
 
     # Times

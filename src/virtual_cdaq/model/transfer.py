@@ -14,7 +14,7 @@ from virtual_cdaq.model.task import State
 from virtual_cdaq.model.waiting import gate, wait
 
 ALL_AVAILABLE = -1
-PIECES = 10  # of an output buffer, of which one must be free for a write to go on
+PIECES = 10  # of an output buffer, of which one must be free for a write to continue
 
 
 def read(task: HostedTask, count: int, timeout: float) -> tuple[Codes, int]:

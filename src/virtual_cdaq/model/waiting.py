@@ -44,7 +44,7 @@ def wait(chassis: Chassis, ready: Callable[[], bool], due: Callable[[], int | No
     due : callable
         When it may become ready [ticks]; None if that is not known.
     timeout : float [s]
-        Negative for no end. On the wall; on a clock that stands still, in its own time.
+        Negative for no end. On the wall; on a clock that does not move, in its own time.
 
     Returns
     -------

@@ -143,7 +143,7 @@ def test_what_warmth_does_is_told_by_a_run_as_warm_as_common_chambers_make_it() 
     (said,) = [finding for finding in fit.findings if finding.code == "law-undetermined"]
     assert said.values["temperature"] == 40.0
     assert "a run at 40 degC, " in said.message
-    assert f"would tell most of {energy}, which runs at 20 degC and " in said.message
+    assert f"would determine {energy} best, which runs at 20 degC and " in said.message
 
 
 def test_what_ages_is_named_by_scale_and_parameter() -> None:

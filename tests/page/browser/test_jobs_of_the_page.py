@@ -175,7 +175,7 @@ def test_a_strip_is_identified_cancelled_compared_saved_and_reported(address: st
     assert len({line.split(",")[0] for line in table[1:]}) == 5
     page.get_by_role("heading", name="Measured against model").wait_for()
     page.get_by_text("largest error").wait_for(timeout=LONG)
-    page.get_by_role("link", name="Beside other models").click()
+    page.get_by_role("link", name="Compared with other models").click()
     page.wait_for_function("document.getElementById('lab-models').getBoundingClientRect().top < 200")
     page.get_by_label("friend-2", exact=True).check()
     page.get_by_role("button", name="Predict", exact=True).click()

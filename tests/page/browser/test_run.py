@@ -106,7 +106,7 @@ def test_a_run_from_its_plan_to_an_emergency_zero(lab: Path, open_page) -> None:
 
     # The server is gone: the run is not, and the page says that it is old.
     operator.wait_for_selector("#lab-lost:not([hidden])")
-    assert "goes on" in operator.locator("#lab-lost").inner_text()
+    assert "continues" in operator.locator("#lab-lost").inner_text()
     operator.set_viewport_size({"width": 820, "height": 1180})
     operator.get_by_role("button", name="ZERO").click()
     operator.get_by_text("the page's server does not answer").wait_for()

@@ -71,14 +71,14 @@ def test_what_was_asked_while_the_link_was_lost_is_asked_again(address: str, ope
     page.wait_for_selector("#lab-lost:not([hidden])")
     page.get_by_label("gain", exact=True).and_(page.locator("input[type=range]")).press("PageUp")
     if how == "refused":
-        page.get_by_text("it goes on when the link is back").wait_for()
+        page.get_by_text("it continues when the connection is back").wait_for()
         page.get_by_text("not answered: what is shown is from before").wait_for()
     page.evaluate("Object.assign(window, window.real) && undefined")
     page.wait_for_function(
         "before => document.querySelector('[data-answers]').dataset.answers !== before", arg=before, timeout=LONG
     )
     page.get_by_text("answered in").wait_for()
-    assert page.get_by_text("it goes on when the link is back").filter(visible=True).count() == 0
+    assert page.get_by_text("it continues when the connection is back").filter(visible=True).count() == 0
 
 
 IS_SEEN = """(one) => {

@@ -50,7 +50,7 @@ def test_no_humidity_is_regulated_where_none_is_asked_for(kind: Kind, tmp_path: 
 def test_no_humidity_is_refused_where_a_table_has_no_word_for_it(tmp_path: Path) -> None:
     for kind in (kind for kind in KINDS if kind.driver == "modbus"):
         with paired(kind, tmp_path) as pair:
-            with pytest.raises(InputError, match="no word for no humidity"):
+            with pytest.raises(InputError, match="cannot switch the humidity off"):
                 pair.chamber.set(40.0, None)
             assert (pair.emulator.asked, pair.room.regulated) == (0, [])
 

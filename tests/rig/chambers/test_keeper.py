@@ -59,7 +59,7 @@ def test_its_process_outlives_the_pipe_and_says_in_the_log_what_it_did(tmp_path:
     keeper.hold(True)
     keeper.close()
     keeper.close()
-    assert "chamber: it stands by" in log.read_text(encoding="utf-8")
+    assert "chamber: it is in standby" in log.read_text(encoding="utf-8")
     with pytest.raises(ChamberError, match="its keeper is gone"):
         keeper.hold(True)
     keeper.hold(False)

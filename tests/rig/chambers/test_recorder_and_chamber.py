@@ -58,5 +58,5 @@ def test_the_chamber_stands_by_when_the_recorder_is_gone(tmp_path: Path, name: s
         recorder.close()
         log = tmp_path / "runs" / "guardian.log"
         if name == "SIGKILL":
-            until(lambda: log.is_file() and "chamber: it stands by" in log.read_text(encoding="utf-8"))
+            until(lambda: log.is_file() and "chamber: it is in standby" in log.read_text(encoding="utf-8"))
         assert device.room.regulated == [(25.0, 60.0)]

@@ -61,7 +61,7 @@ def beyond_findings(fit: Fit, records: Sequence[PreparedRun]) -> list[Finding]:
 
 
 def _answer(model: Actuator, record: PreparedRun, entry: Mapping[str, Any], drift: float) -> Run:
-    """The run as the fitted actuator predicts it, as far as the fit read it, beside a drift of its sensor [SI/s]."""
+    """The run as the fitted actuator predicts it, as far as the fit read it, with a drift of its sensor [SI/s]."""
     run, reading = record.run, record.readings.get("displacement")
     if reading is None:
         return Run(time=run.time, voltage=run.voltage, hold=run.hold)

@@ -1,7 +1,7 @@
 """How much likelier readings become when a fit may add something to its model, whatever their noise is.
 
-Autocorrelated noise can look like what a model lacks, and the other way round. So both are held against each
-other: the noise is estimated anew beside what was added.
+Autocorrelated noise can look like what a model lacks, and the other way round. So both are compared with each
+other: the noise is estimated again with what was added.
 """
 
 from __future__ import annotations
@@ -66,7 +66,8 @@ class Evidence:
         return float(across @ np.linalg.lstsq(inner, across, rcond=1e-10)[0])
 
     def _beside(self, shapes: Mapping[Key, Shape]) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
-        """Products of additions and residual beside what the fit can do, and of which there is anything left then."""
+        """Products of additions and residual after what the fit itself can do, and of which there is anything left
+        then."""
         total = self.system.rest + sum(self.system.part(key, shape) for key, shape in shapes.items())
         first = self.first
         answer = inverse(total[:first, :first]) @ total[:first, first:]
@@ -75,7 +76,7 @@ class Evidence:
         return left, left.diagonal()[:-1] > 1e-6 * total.diagonal()[first:-1]
 
     def deviance(self, chosen: Sequence[int], shapes: Mapping[Key, Shape]) -> tuple[float, dict[Key, Shape]]:
-        """Minus twice the log likelihood with some of the additions, and the noise that is the likeliest beside them.
+        """Minus twice the log likelihood with some of the additions, and the noise that is the likeliest with them.
 
         Parameters
         ----------

@@ -137,7 +137,7 @@ class Left:
 
     @property
     def _could_bend(self) -> bool:
-        """Whether the voltages tell the one from the other: under a single step both are in proportion."""
+        """Whether the voltages distinguish the one from the other: under a single step both are in proportion."""
         volts = np.concatenate([r.run.voltage for r in self.problem.records if self.output in r.readings])
         bent = volts * np.abs(volts)
         beside = bent - volts * float(volts @ bent) / max(float(volts @ volts), 1e-300)
@@ -149,7 +149,7 @@ class Left:
 
         ways = of_voltage(self.problem, self.theta, self.output, bent=bent)
         evidence = self.evidence(ways)
-        # Beside the noise that was found, which may have taken it for its own: half of it shows even then, unless it
+        # With the noise that was found, which may have taken it for its own: half of it shows even then, unless it
         # is far more than the scatter of neighbouring readings.
         chance = float(chdtrc(len(ways), max(evidence.together(self.shapes), 0.0)))
         if chance > _HINT and not self.is_large(self.problem, self.here):

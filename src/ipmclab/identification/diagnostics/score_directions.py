@@ -50,8 +50,8 @@ class ScoreDirection:
 
     def given_to(self, actuator: Actuator) -> Actuator:
         """The actuator, one step along it."""
-        beside = self.trial.beside(actuator.parameter_values) if self.trial.beside is not None else {}
-        return with_stages(actuator, self.name).replace(**self.trial.values, **beside)
+        changes = self.trial.changes(actuator.parameter_values) if self.trial.changes is not None else {}
+        return with_stages(actuator, self.name).replace(**self.trial.values, **changes)
 
 
 def score_directions(actuator: Actuator, runs: Sequence[Run], outputs: Sequence[str]) -> list[ScoreDirection]:
@@ -96,9 +96,9 @@ def response(
     run = record.run
 
     def values(model: Actuator) -> FloatArray:
-        seen = seen_from_sensor(model, record.series_resistance)
+        as_read = seen_from_sensor(model, record.series_resistance)
         return simulate_outputs(
-            seen, run.time, run.voltage, model_hold(record), outputs=shown, initial_state=state, delay=delay
+            as_read, run.time, run.voltage, model_hold(record), outputs=shown, initial_state=state, delay=delay
         )
 
     shown = [output for output in direction.outputs if output in record.readings]

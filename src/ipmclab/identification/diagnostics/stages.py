@@ -30,8 +30,8 @@ class Tried:
     ----------
     stage : str
     evidence : float
-        Twice the logarithm by which the readings of all outputs that are doubted become likelier, noise estimated anew,
-        less what a chance fit of the stage's parameters would give (Schwarz).
+        Twice the logarithm by which the readings of all outputs that are doubted become likelier, noise estimated
+        again, less what a chance fit of the stage's parameters would give (Schwarz).
     shares : mapping of output to float
         Part of the power beyond noise that it would take away.
     """
@@ -70,7 +70,7 @@ def tried_stages(actuator: Actuator, names: FreeParameters, every: Sequence[Left
     tried = {name: judge(name, one) for name, one in found.items()}
     if any(left.is_large(problem, left.here) for left in doubted):
         # So far from the readings that a little of a stage is no guide: each from what the readings themselves show.
-        # Where one leaves the noise alone, only those that did not go with the fit as it stands.
+        # Where one leaves the noise alone, only those that did not go with the fit as it is.
         best = [found[one.stage] for one in _best_first(tried)[:1]]
         enough = any(not any(left.is_large(one.problem, one.solution.evaluation) for left in doubted) for one in best)
         for direction in {one.name: one for one in some}.values():
@@ -102,7 +102,7 @@ def _hints(
 
 
 class _Judge:
-    """What a stage would explain of what is left, beside the fit as it stands."""
+    """What a stage would explain of what is left, with the fit as it is."""
 
     def __init__(self, doubted: Sequence[Left]) -> None:
         self._doubted = doubted

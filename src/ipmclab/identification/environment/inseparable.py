@@ -1,4 +1,4 @@
-"""Age beside environment: whether the order of the runs tells one from the other.
+"""Age and environment: whether the order of the runs distinguishes one from the other.
 
 Where conditions were changed in one direction only, each change of the environment is also a later run: what a law
 takes up, ageing can take up as well. A run that goes back to an earlier condition shows what has changed for good.

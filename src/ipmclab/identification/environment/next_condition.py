@@ -1,4 +1,4 @@
-"""Which law the runs know least, and in which condition one more run would tell most of it."""
+"""Which law the runs know least, and in which condition one more run would give most information on it."""
 
 from __future__ import annotations
 
@@ -59,7 +59,9 @@ def next_condition(fit: Fit, problem: Problem, solution: Solution) -> list[Findi
     now = np.sqrt(np.maximum(inverse(information).diagonal(), 0.0))
     after = {
         (humidity, temperature): np.sqrt(
-            np.maximum(inverse(information + _told_by(problem, solution, asked, humidity, temperature)).diagonal(), 0.0)
+            np.maximum(
+                inverse(information + _information_of(problem, solution, asked, humidity, temperature)).diagonal(), 0.0
+            )
         )
         for humidity in HUMIDITIES
         for temperature in TEMPERATURES
@@ -94,7 +96,7 @@ def _finding(
         return Finding(
             UNDETERMINED,
             "warning",
-            f"a run at {there} would tell most of {name}, which runs at {_range(states)} leave open{told}",
+            f"a run at {there} would determine {name} best, which runs at {_range(states)} do not determine{told}",
             f"record it and fit it with the others{after}",
             values=values,
         )
@@ -116,17 +118,17 @@ def _range(states: Sequence[RunState]) -> str:
     return " and ".join(f"{low if low == high else f'{low} to {high}'} {unit}" for low, high, unit in ranges)
 
 
-def _told_by(
+def _information_of(
     problem: Problem, solution: Solution, asked: Sequence[int], humidity: float, temperature: float
 ) -> FloatArray:
     """The information of one more run, its water content averaged out."""
     values = problem.in_reference(solution.theta, problem.records[0].place)
     water = equilibrium(values, Environment(temperature, humidity)).water_content
-    spread = float(slope(values, humidity / 100.0)) * HUMIDITY_ERROR / 100.0
+    uncertainty = float(slope(values, humidity / 100.0)) * HUMIDITY_ERROR / 100.0
     record = min(problem.records, key=lambda one: _apart(one, water, temperature))
     old = record.state
     assert old is not None
-    state = RunState(water, spread, "assumed", temperature, humidity, doses=old.doses)
+    state = RunState(water, uncertainty, "assumed", temperature, humidity, doses=old.doses)
     unknowns = [problem.unknowns[place] for place in asked]
     shared = [u.base if u.base in values and u.belongs_to(record.place) else "" for u in unknowns]
     names = [name for name in shared if name]
@@ -137,7 +139,7 @@ def _told_by(
             next(rows) * unknown.chain(values[name]) if name else np.zeros(len(here.names))
             for unknown, name in zip(unknowns, shared, strict=True)
         ]
-        + [here.by_water * spread]
+        + [here.by_water * uncertainty]
     )
     single = moves @ _of_parameters(problem, solution, record, here) @ moves.T
     last = len(unknowns)

@@ -1,7 +1,7 @@
 """What the errors of several mountings have in common, and what each has for itself.
 
 A fixed parameter with a stated uncertainty, a prior, and what all runs of a joint fit share are wrong by the same
-amount in every mounting. Such an error does not show in how far mountings lie apart, nor average out over them.
+amount in every mounting. Such an error does not show in how far mountings differ, nor average out over them.
 """
 
 from __future__ import annotations
@@ -71,9 +71,9 @@ def loadings_of(fit: Fit) -> dict[str, dict[str, float]]:
     """By how much each parameter of a fit moves [SI] as what it took from elsewhere moves by its standard uncertainty.
 
     Elsewhere is a fixed parameter with a stated uncertainty, and what was known beforehand of a free one. Of fixed
-    parameters that an earlier fit found together, each counts with what it says beside those before it. A prior of
-    standard deviation s about c moves an estimate by covariance/s^2 for each unit of c; one that follows others is
-    wrong by itself in what it says beside them.
+    parameters that an earlier fit found together, each counts with what it says in addition to those before it. A
+    prior of standard deviation s about c moves an estimate by covariance/s^2 for each unit of c; one that follows
+    others is wrong by itself in what it says with them.
     """
     table, fitted = fit.covariance, fit.parameters
     stated = {name: math.sqrt(row[name]) for name, row in table.items() if name not in fitted and row[name] > 0.0}
@@ -166,7 +166,7 @@ def common_covariance(
 
 
 def _beside_others(fit: Fit, stated: Sequence[str]) -> FloatArray | None:
-    """By how many deviations each stated parameter is off for one of what each says beside those before it.
+    """By how many deviations each stated parameter is off for one of what each says in addition to those before it.
 
     None where they are independent.
     """

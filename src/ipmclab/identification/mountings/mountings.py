@@ -53,7 +53,7 @@ def with_mountings(fit: Fit, each: Sequence[Mounting]) -> Fit:
     p_value: dict[str, float] = {}
     unknown: dict[str, str] = {}
     parameters: dict[str, FittedParameter] = dict(fit.parameters)
-    apart = differ(each, fit.actuator)
+    differing = differ(each, fit.actuator)
     for base, entry in unknowns.items():
         own = [name for name in fit.parameters if name == base or name.startswith(f"{base}{_ENDING}")]
         values, errors = _estimates(fit, entry, own, each)
@@ -68,7 +68,7 @@ def with_mountings(fit: Fit, each: Sequence[Mounting]) -> Fit:
         between[base] = found.between
         low, high = entry.value(found.next_one[0]), entry.value(found.next_one[1])
         shared = fit.parameters.get(base)
-        speaks = shared is not None and (shared.determined or not apart)
+        speaks = shared is not None and (shared.determined or not differing)
         if shared is not None and speaks and all(map(math.isfinite, shared.interval)):
             # Mountings that differ so much that one value for all cannot be estimated leave an interval of what that
             # average misses. Else what bends the squares of all together is common to the next one too; and what is
@@ -76,8 +76,10 @@ def with_mountings(fit: Fit, each: Sequence[Mounting]) -> Fit:
             low, high = min(low, shared.interval[0]), max(high, shared.interval[1])
         for name in own:
             parameters[name] = replace(parameters[name], interval_next_mounting=(low, high))
-    told = Mountings(tuple(each), between, tuple(base for base in between if unknowns[base].log), p_value, unknown)
-    return changed(fit, parameters=parameters, mountings=told, findings=(*fit.findings, *_findings(fit, told)))
+    mountings = Mountings(tuple(each), between, tuple(base for base in between if unknowns[base].log), p_value, unknown)
+    return changed(
+        fit, parameters=parameters, mountings=mountings, findings=(*fit.findings, *_findings(fit, mountings))
+    )
 
 
 def why_unknown(fit: Fit) -> str:
@@ -144,22 +146,22 @@ def _estimates(fit: Fit, entry: Unknown, own: Sequence[str], each: Sequence[Moun
     """Entries with their standard errors, of the mountings that determine them."""
     if own and own[0] == entry.base:
         return _by_themselves(entry, each)
-    seen = [one for name in own if (one := fit.parameters[name]).determined and math.isfinite(one.standard_error)]
-    chains = np.array([entry.chain(one.value) for one in seen])
-    errors = np.array([one.standard_error for one in seen]) / chains
-    loadings = loadings_of_joint(fit, [one.name for one in seen]) / chains[:, None]
-    return [entry.entry(one.value) for one in seen], parted(errors, loadings)
+    finite = [one for name in own if (one := fit.parameters[name]).determined and math.isfinite(one.standard_error)]
+    chains = np.array([entry.chain(one.value) for one in finite])
+    errors = np.array([one.standard_error for one in finite]) / chains
+    loadings = loadings_of_joint(fit, [one.name for one in finite]) / chains[:, None]
+    return [entry.entry(one.value) for one in finite], parted(errors, loadings)
 
 
 def _by_themselves(entry: Unknown, each: Sequence[Mounting]) -> tuple[list[float], Parted]:
     name = entry.base
-    seen = [one for one in each if math.isfinite(one.errors.get(name, math.inf))]
-    chains = np.array([entry.chain(one.values[name]) for one in seen])
-    errors = np.array([one.errors[name] for one in seen]) / chains
-    causes = list(dict.fromkeys(cause for one in seen for cause in one.loadings.get(name, {})))
-    loadings = np.array([[one.loadings.get(name, {}).get(cause, 0.0) for cause in causes] for one in seen])
-    moved = loadings.reshape(len(seen), len(causes)) / chains[:, None]
-    return [entry.entry(one.values[name]) for one in seen], parted(errors, moved)
+    finite = [one for one in each if math.isfinite(one.errors.get(name, math.inf))]
+    chains = np.array([entry.chain(one.values[name]) for one in finite])
+    errors = np.array([one.errors[name] for one in finite]) / chains
+    causes = list(dict.fromkeys(cause for one in finite for cause in one.loadings.get(name, {})))
+    loadings = np.array([[one.loadings.get(name, {}).get(cause, 0.0) for cause in causes] for one in finite])
+    moved = loadings.reshape(len(finite), len(causes)) / chains[:, None]
+    return [entry.entry(one.values[name]) for one in finite], parted(errors, moved)
 
 
 def differ(each: Sequence[Mounting], actuator: Actuator) -> dict[str, float]:
@@ -189,19 +191,19 @@ def dragged(fit: Fit, each: Sequence[Mounting]) -> tuple[str, ...]:
     return tuple(found)
 
 
-def _findings(fit: Fit, told: Mountings) -> list[Finding]:
+def _findings(fit: Fit, mountings: Mountings) -> list[Finding]:
     """That one value for all mountings is an average of what differs."""
-    apart = differ(told.each, fit.actuator)
-    if not apart:
+    differing = differ(mountings.each, fit.actuator)
+    if not differing:
         return []
-    sizes = {base: told.between[base] for base in apart if base in told.between}
-    widest = max(sizes, key=lambda base: (base in told.logarithms, sizes[base]), default=None)
+    sizes = {base: mountings.between[base] for base in differing if base in mountings.between}
+    widest = max(sizes, key=lambda base: (base in mountings.logarithms, sizes[base]), default=None)
     far = ""
     if widest is not None:
         factor = math.exp(sizes[widest])
         size = (
             f"by a factor of {factor:.3g}"
-            if widest in told.logarithms
+            if widest in mountings.logarithms
             else f"by {sizes[widest]:.3g} {fit.parameters[widest].unit}".rstrip()
         )
         far = f": from one to the next {widest} changes {size} (one standard deviation)"
@@ -209,8 +211,8 @@ def _findings(fit: Fit, told: Mountings) -> list[Finding]:
         Finding(
             "mountings-differ",
             "warning",
-            f"{len(told.each)} mountings differ by more than their errors in {', '.join(apart)} (p < 0.1 %){far}. One "
-            "value for all is an average, and its interval says nothing of any one mounting",
+            f"{len(mountings.each)} mountings differ by more than their errors in {', '.join(differing)} (p < 0.1 %)"
+            f"{far}. One value for all is an average, and its interval says nothing of any one mounting",
             "fit each mounting by itself, or name what the clamp changes in per_mounting; what to expect of another "
             "mounting is its own interval, from three mountings on",
             values={f"between.{base}": size for base, size in sizes.items()},

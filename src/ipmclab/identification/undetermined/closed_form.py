@@ -25,7 +25,7 @@ NOTHING_OF_LAWS: Final = 1e-5
 _SHOWN: Final = 1e-6  # part of what its parameters change one by one that a combination must change, to be shown
 _SHOWN_BY_LAWS: Final = 1e-4  # likewise, where laws are solved from row to row
 
-_COMPLEX_STEP: Final = 1e-100  # of a parameter: its square is no number beside 1
+_COMPLEX_STEP: Final = 1e-100  # of a parameter: its square vanishes compared with 1
 _EACH_SIDE: Final = 20.0  # times the fastest pole, and a part of the slowest: how far frequencies reach
 _A_DECADE: Final = 12  # frequencies in each
 _LEVELS: Final = (0.3, -0.6, 1.0, -0.8, 0.5, -1.0, 0.7)  # of the largest voltage: a staircase for what is not linear
@@ -86,7 +86,7 @@ def sparse(null: FloatArray) -> FloatArray:
 def others(
     actuator: Actuator, names: Sequence[str], outputs: Iterable[str], row: FloatArray, *, voltage: float
 ) -> tuple[str, ...]:
-    """Outputs beside these that would show a combination, in the order in which they are easy to read."""
+    """Outputs in addition to these that would show a combination, in the order in which they are easy to read."""
     have = set(outputs)
     rounding = _SHOWN if actuator.system.law_ports is None else _SHOWN_BY_LAWS
     found = []
@@ -110,7 +110,8 @@ def _over_frequencies(actuator: Actuator, names: Sequence[str], outputs: Sequenc
     """Of the transfer function along the imaginary axis, by each parameter [1/SI]; exact, by a complex step."""
     system = actuator.system
     poles = np.abs(np.linalg.eigvals(system.a))
-    # Beside the fastest a pole that rounding hides is none: it stands still for as long as floating point can tell.
+    # Compared with the fastest a pole that rounding hides is none: it does not move for as long as floating point can
+    # show.
     poles = poles[poles > np.finfo(np.float64).eps * poles.max(initial=0.0)]
     slowest, fastest = (float(poles.min()), float(poles.max())) if len(poles) else (1.0, 1.0)
     first, last = slowest / _EACH_SIDE, fastest * _EACH_SIDE

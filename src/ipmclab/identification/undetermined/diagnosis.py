@@ -75,27 +75,27 @@ def directions(
     named = [_null_direction(unknowns, row, records, actuator) for row in sparse(found.null / size)]
     covariance = sharper.covariance / (size[:, None] * size)
     errors = np.sqrt(np.maximum(covariance.diagonal(), 0.0))
-    apart = _apart(unknowns, values, rivals) / size
+    to_rivals = _apart(unknowns, values, rivals) / size
     nameless = np.any(np.abs(found.null / size) > MOVED, axis=0)
     exchanged = series_against_branches(
-        names, covariance, np.where(nameless, 0.0, apart), DETERMINED, _outputs(records)
+        names, covariance, np.where(nameless, 0.0, to_rivals), DETERMINED, _outputs(records)
     )
     if exchanged is not None:
-        # What else is open is told as if the series resistance were known.
+        # What else is open is reported as if the series resistance were known.
         named.append(exchanged[0])
         covariance = exchanged[1]
         errors = np.sqrt(np.maximum(covariance.diagonal(), 0.0))
-    spread, vectors = np.linalg.eigh(covariance)
+    variances, vectors = np.linalg.eigh(covariance)
     open_ones = errors > DETERMINED
     chosen: set[int] = set()
-    for place in largest_first(spread):
-        error = float(np.sqrt(max(spread[place], 0.0)))
+    for place in largest_first(variances):
+        error = float(np.sqrt(max(variances[place], 0.0)))
         if error > DETERMINED and np.any(np.abs(vectors[:, place]) * error > DETERMINED):
             chosen.add(place)
     if open_ones.any() and not chosen:
-        chosen.add(int(np.argmax(spread)))
-    for place in (k for k in largest_first(spread) if k in chosen):
-        row, error = vectors[:, place], float(np.sqrt(spread[place]))
+        chosen.add(int(np.argmax(variances)))
+    for place in (k for k in largest_first(variances) if k in chosen):
+        row, error = vectors[:, place], float(np.sqrt(variances[place]))
         reason = _uncertain_value(row, found, size)
         plain = _direction(names, row, error, records, fast)
         named.append(_held_uncertain(plain, reason) if reason else plain)
@@ -106,10 +106,10 @@ def directions(
     # What moves only a little along a direction that has a name may still move too much.
     left = [k for k in np.flatnonzero(open_ones) if not any(names_it(direction, names[k]) for direction in named)]
     while left:
-        spread, vectors = np.linalg.eigh(covariance[np.ix_(left, left)])
+        variances, vectors = np.linalg.eigh(covariance[np.ix_(left, left)])
         row = np.zeros(len(names))
         row[left] = vectors[:, -1]
-        named.append(_direction(names, row, float(np.sqrt(spread[-1])), records, fast))
+        named.append(_direction(names, row, float(np.sqrt(variances[-1])), records, fast))
         left = [k for k in left if not names_it(named[-1], names[k])]
     return tuple(named)
 
@@ -117,7 +117,7 @@ def directions(
 def in_order(named: Sequence[Direction], names: Sequence[str]) -> list[Direction]:
     """The same, those first of which the readings say nothing by the first of their large parts among some names.
 
-    None of them comes before another, and a branch gets its number only when all are told.
+    None of them comes before another, and a branch gets its number only when all are reported.
     """
     open_ones = list(takewhile(lambda direction: math.isinf(direction.error), named))
 
@@ -300,7 +300,7 @@ def _gain_against_zero(
     records: Sequence[PreparedRun],
     exact: Sequence[str],
 ) -> tuple[Direction, ...]:
-    """Gain against zero, where only their product is seen.
+    """Gain against zero, where only their product is determined.
 
     That is so when the zero of d(s) lies beyond the Nyquist rate of every record that could show it: there a zero at Z
     acts as an edge that comes 1/Z earlier, less than a third of a sample. No record is timed that well, so a small
@@ -335,8 +335,8 @@ def _static(names: Sequence[str], values: Mapping[str, float], found: Uncertaint
     weights = np.array([STATIC.get(name, 0.0) for name in names])
     level = values["coupling.gain"] * values["coupling.zero"] / values["coupling.p2"]
     leans = [name for name in exact if abs(float(weights @ found.leverage[name])) > error]
-    beside = f", with {' and '.join(leans)} taken as exact" if leans else ""
-    return f" = {level:.4g} m/V (standard error {100.0 * error:.2g} %{beside})"
+    exact_words = f", with {' and '.join(leans)} taken as exact" if leans else ""
+    return f" = {level:.4g} m/V (standard error {100.0 * error:.2g} %{exact_words})"
 
 
 def _error_of_static(names: Sequence[str], found: Uncertainty) -> float:

@@ -1,4 +1,4 @@
-"""The series resistance against the branches, where readings tell them apart too weakly to be of use.
+"""The series resistance against the branches, where readings distinguish them too weakly to be of use.
 
 Current alone shows one number less than there are: every series resistance below the largest possible one has branches
 to go with it. A force that follows the voltage behind the electrodes ends that, unless the coupling is free too and a
@@ -27,7 +27,7 @@ HARDLY: Final = 7.0  # of a logarithm, a factor of a thousand
 
 
 def series_against_branches(
-    names: Sequence[str], covariance: FloatArray, apart: FloatArray, limit: float, outputs: Sequence[str]
+    names: Sequence[str], covariance: FloatArray, to_rivals: FloatArray, limit: float, outputs: Sequence[str]
 ) -> tuple[Direction, FloatArray] | None:
     """Name the series resistance where knowing it would determine a branch that is not determined.
 
@@ -36,7 +36,7 @@ def series_against_branches(
     names : sequence of str
     covariance : float array, shape (n, n)
         Of the relative changes.
-    apart : float array, shape (n,)
+    to_rivals : float array, shape (n,)
         Relative distance of each parameter to the farthest fit that is as good.
     limit : float
         The standard error up to which a parameter counts as determined.
@@ -54,7 +54,7 @@ def series_against_branches(
         return None
     known = given(covariance, held)
     # Another fit as good lies at the end of an interval.
-    errors = np.maximum(np.sqrt(np.maximum(covariance.diagonal(), 0.0)), apart / NORMAL_95)
+    errors = np.maximum(np.sqrt(np.maximum(covariance.diagonal(), 0.0)), to_rivals / NORMAL_95)
     open_ones = [k for k, name in enumerate(names) if is_of_circuit(name) and errors[k] > limit]
     cured = [k for k in open_ones if k != held and known[k, k] <= limit**2]
     if not cured:

@@ -1,4 +1,4 @@
-"""What the readings determine, beside the parameters that they leave open: each with its interval.
+"""What the readings determine, together with the parameters that they leave open: each with its interval.
 
 A quantity g of the parameters has, to first order, the variance of its gradient under their covariance, on the scale of
 its logarithm where it cannot be negative. It is said to be known only where no direction about which the readings say
@@ -223,8 +223,8 @@ def _known_at(point: Point, seen: _Seen) -> dict[str, Known]:
         few = wider_for_few(freedom) if math.isfinite(freedom) else 1.0
         reach = NORMAL_95 * few * math.sqrt(max(variance, 0.0))
         moves = np.abs(follows @ free + direct)[len(stated) :] * [0.01 * abs(base[name]) for name in exact]
-        felt = moves > max(reach, MOVED * scale)
-        leans = tuple(exact[k] for k in largest_first(moves) if felt[k]) if felt.any() else ()
+        affected = moves > max(reach, MOVED * scale)
+        leans = tuple(exact[k] for k in largest_first(moves) if affected[k]) if affected.any() else ()
         as_good, ends = [value, *there[: len(others)]], there[len(others) :]
         low, high = min(min(as_good) - reach, *ends, value), max(max(as_good) + reach, *ends, value)
         told[name] = Known(name, _value(name, value), (_value(name, low), _value(name, high)), leans)

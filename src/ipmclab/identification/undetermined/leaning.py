@@ -17,7 +17,7 @@ from ipmclab.model.declared import MOTION, in_group
 from ipmclab.run import Finding, Severity
 from ipmclab.ties import largest_first
 
-_FELT: Final = 1e-3  # of a parameter, for 1 % of a fixed value: what is less is not told
+_FELT: Final = 1e-3  # of a parameter, for 1 % of a fixed value: what is less is not reported
 _AMPLIFIED: Final = 0.05  # likewise: a warning whatever the fixed value is
 _NAMED: Final = 3  # parameters that a sentence names
 

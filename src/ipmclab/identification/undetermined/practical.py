@@ -1,4 +1,4 @@
-"""How well readings tell parameters apart: the combinations that they know best and worst, and sets nearly one.
+"""How well readings separate parameters: the combinations that they know best and worst, and sets nearly one.
 
 The collinearity index of a set is that of Brun, Reichert and Kuensch (Water Resources Research 37 (2001) 1015): one
 over the smallest singular value of its columns of the sensitivity, each scaled to length 1. A change of one parameter
@@ -55,15 +55,15 @@ def practical_from(names: list[str], sensitivity: FloatArray, here: Evaluation |
     count = len(names)
     _, singular, directions = np.linalg.svd(sensitivity, full_matrices=True)
     singular = np.concatenate([singular, np.zeros(count - len(singular))])
-    seen = singular > (STRUCTURAL * singular[0] if here is None else least_seen(here, singular[0]))
-    errors = np.where(seen, 1.0 / np.where(seen, singular, 1.0), inf)
+    determined = singular > (STRUCTURAL * singular[0] if here is None else least_seen(here, singular[0]))
+    errors = np.where(determined, 1.0 / np.where(determined, singular, 1.0), inf)
     found = tuple(
         Combination(dict(zip(names, map(float, upright(row)), strict=True)), float(error))
         for row, error in zip(directions, errors, strict=True)
     )
     length = np.sqrt((sensitivity * sensitivity).sum(axis=0))
-    moved = (np.abs(directions[~seen]) > MOVED).any(axis=0)
-    own = np.sqrt(((directions[seen] / singular[seen, None]) ** 2).sum(axis=0)) * length
+    moved = (np.abs(directions[~determined]) > MOVED).any(axis=0)
+    own = np.sqrt(((directions[determined] / singular[determined, None]) ** 2).sum(axis=0)) * length
     indices = np.where(moved, inf, np.maximum(own, 1.0))
     scaled = sensitivity / np.where(length > 0.0, length, 1.0)
     return Practical(found, dict(zip(names, map(float, indices), strict=True)), tuple(_worst(names, scaled)))

@@ -1,4 +1,4 @@
-"""What goes on where parameters change: the charge of each capacitor, not its voltage."""
+"""What continues where parameters change: the charge of each capacitor, not its voltage."""
 
 from __future__ import annotations
 

@@ -100,7 +100,7 @@ class EnvironmentHistory:
 
     @classmethod
     def of_run(cls, run: Run, start: WaterState | None = None) -> EnvironmentHistory:
-        """The air that was read beside a run.
+        """The air that was read during a run.
 
         Raises
         ------

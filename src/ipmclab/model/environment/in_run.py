@@ -1,4 +1,4 @@
-"""The environment of a simulated run: what stands in it, and what is to be said of it."""
+"""The environment of a simulated run: what is in it, and what is to be said of it."""
 
 from __future__ import annotations
 

@@ -26,7 +26,7 @@ FloatArray = npt.NDArray[np.float64]
 PREFIX: Final = "environment."
 
 _STEP: Final = 1e-100
-"""Of a complex step: so small that its square vanishes beside any number here."""
+"""Of a complex step: so small that its square vanishes compared with any number here."""
 
 
 class Place(NamedTuple):
@@ -307,7 +307,7 @@ def is_of_environment(name: str) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class Moved:
-    """The parameters of an actuator in one state of its water, and how they hang on those that it states.
+    """The parameters of an actuator in one state of its water, and how they depend on those that it states.
 
     Parameters
     ----------
@@ -432,12 +432,12 @@ def in_state(values: Mapping[str, float], state: WaterState) -> Moved:
 
 
 def conducts_above(values: Mapping[str, float]) -> bool:
-    """Whether a law asks for the conductivity of the membrane, which has one above its percolation only."""
+    """Whether a law needs the conductivity of the membrane, which has one above its percolation only."""
     return is_there(values, _BRANCHES) or is_there(values, f"{PREFIX}dc_resistivity.")
 
 
 def check_conducts(values: Mapping[str, float], state: WaterState) -> None:
-    """Refuse a water content at which the membrane does not conduct, where a law asks for its conductivity.
+    """Refuse a water content at which the membrane does not conduct, where a law needs its conductivity.
 
     Raises
     ------

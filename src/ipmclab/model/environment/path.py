@@ -16,7 +16,7 @@ FloatArray = npt.NDArray[np.float64]
 IndexArray = npt.NDArray[np.int64]
 
 RENEWED: Final = 1e-4
-"""Part by which a parameter may move before all are renewed. Readings follow to half of it: 0.2 % would be seen."""
+"""Part by which a parameter may move before all are renewed. Readings follow to half of it: 0.2 % would be visible."""
 
 _LEAST: Final = 4
 _FOR_ONE: Final = 6.0

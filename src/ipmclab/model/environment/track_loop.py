@@ -1,7 +1,7 @@
 """The compiled walk of a run through a changing environment: the water goes along, and says how long parameters stay.
 
 Water that leaking charge splits changes what leaks. Both go side by side: what has leaked up to a time counts there at
-once, and how the films answer to it is worked out anew in each interval of the water's own times.
+once, and how the films answer to it is worked out again in each interval of the water's own times.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ _OVER = 0.02
 
 _STRAIGHT = 4e-3
 """Part by which a parameter may move while all numbers go in straight lines. These err by an eighth of its square times
-what a number bends: some millionths, beside the 5e-5 of parameters that stay while they move by 1e-4."""
+what a number bends: some millionths, compared with the 5e-5 of parameters that stay while they move by 1e-4."""
 
 _BACK = -0.25
 """How far a straight line may be gone back, in parts of its length."""
@@ -132,7 +132,8 @@ def _keep_up(track: Track, walk: FloatArray, course: FloatArray) -> None:
 
 @kernel
 def _beside(track: Track, walk: FloatArray, length: float, lost: float) -> float:
-    """By how much the content is beside what was expected, after a part of the interval [s] in which so much leaked.
+    """By how much the content differs from what was expected, after a part of the interval [s] in which so much
+    leaked.
 
     What leaks evenly takes water, and a drier strip gives less of it to the air.
     """
@@ -252,7 +253,7 @@ def _draw(
     begin[0], begin[1] = wanted, warm
     _blend(panel, knots, wanted, warm, numbers[0])
     for place in range(2):
-        if math.isinf(length[place]):  # nothing hangs on it
+        if math.isinf(length[place]):  # nothing depends on it
             continue
         wetter, warmer = (length[0], 0.0) if place == 0 else (0.0, length[1])
         _blend(panel, knots, wanted + wetter, warm + warmer, numbers[1 + place])
@@ -295,7 +296,7 @@ def _barycentric(nodes: FloatArray, x: float, weights: FloatArray) -> None:
 def expect(track: Track, panel: Panel, walk: FloatArray) -> tuple[float, float]:
     """What is expected to leak [A/m^2], and how much more than that may leak [C/m^2] while parameters stay.
 
-    Where more does, a piece ends before its time: what leaks hangs on the voltage, which nobody knows beforehand.
+    Where more does, a piece ends before its time: what leaks depends on the voltage, which nobody knows beforehand.
     """
     moved = panel.by_content * track.split
     return walk[_LOSING], track.renewed * math.exp(walk[WANTED]) / moved if moved > 0.0 else np.inf
@@ -303,7 +304,7 @@ def expect(track: Track, panel: Panel, walk: FloatArray) -> tuple[float, float]:
 
 @kernel
 def go_on(track: Track, walk: FloatArray, time: float, lost: float, flowed: float, course: FloatArray) -> None:
-    """Go on to a time [s].
+    """Continue to a time [s].
 
     Parameters
     ----------

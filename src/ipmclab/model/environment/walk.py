@@ -23,7 +23,7 @@ FloatArray = npt.NDArray[np.float64]
 
 _LEAST_KEPT: Final = 8
 _FOR_CURL: Final = 64
-"""Times at which the water of a strip that leaks is kept at least: what leaks hangs on the voltage, not on the air.
+"""Times at which the water of a strip that leaks is kept at least: what leaks depends on the voltage, not on the air.
 More where the strip curls, which is read between them in straight lines."""
 
 
@@ -54,7 +54,7 @@ class Way:
     warm: float
 
     def set_out(self) -> tuple[FloatArray, FloatArray]:
-        """A walk that stands at the begin of the record, and the array of its course."""
+        """A walk that is at the begin of the record, and the array of its course."""
         from ipmclab.model.environment.track_loop import WALK, set_out
 
         walk, course = np.empty(WALK), np.empty((4, len(self.given.time)))

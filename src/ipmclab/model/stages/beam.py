@@ -99,11 +99,11 @@ class Beam:
     The thesis gives no damping; 0.05 is ours. The blocked force has no beam factor (eq. 4.9).
 
     A viscoelastic modulus Y(s) = Y_c y(s) (eq. 4.10, Golla-Hughes-McTavish, any number of modes) multiplies the force.
-    In the displacement Y stands in the beam factor only, because what drives the strip and what holds it back both grow
+    In the displacement Y is in the beam factor only, because what drives the strip and what holds it back both grow
     with Y: free curvature does not know the modulus. The factor becomes 1/(1 + 2 zeta s/(w y) + s^2/(w^2 y)), with w of
-    Y_c and a damper beside the beam that does not stiffen with it. With z'' + 2 zeta_i w_i z' + w_i^2 z = w_i^2 e, the
-    stress of a strain e is y e = (1 + sum alpha_i) e - sum alpha_i z_i: linear, and two states for each mode in the
-    beam, where e is what is left to the free curvature, and two in the force.
+    Y_c and a damper parallel to the beam that does not stiffen with it. With z'' + 2 zeta_i w_i z' + w_i^2 z = w_i^2
+    e, the stress of a strain e is y e = (1 + sum alpha_i) e - sum alpha_i z_i: linear, and two states for each mode in
+    the beam, where e is what is left to the free curvature, and two in the force.
 
     A force f at the sensing point bends the strip by its own stiffness k_b = F_blocked/d_free (``tip_stiffness``): the
     factor that moves a free strip by d_free moves it by d_free + f/k_b. Where the strip is blocked, f presses too.

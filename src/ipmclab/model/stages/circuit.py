@@ -47,7 +47,7 @@ class Elements(NamedTuple):
 class Circuit:
     """Electrodes, R_dc and any number of RC branches behind them (Friend, eqs 4.1 to 4.6).
 
-    The electrode resistance R_e stands twice in series; a lumped contact resistance stands
+    The electrode resistance R_e is twice in series; a lumped contact resistance is
     in series with both.
 
     Parameters

@@ -31,7 +31,7 @@ class Stage(Protocol):
         """The parameters of this stage."""
 
     def block(self, values: Values) -> Block:
-        """The block for a parameter vector. A port that it both reads and writes is one in which it stands."""
+        """The block for a parameter vector. A port that it both reads and writes is one in which it is."""
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ class Trial:
         Whether less than none of it can be too.
     lag : float [s], optional
         Its time constant, where it is tried at several.
-    beside : function of the parameters to changes of them, optional
+    changes : function of the parameters to changes of them, optional
         What else changes where a little of the stage takes the place of something else.
     """
 
@@ -80,7 +80,7 @@ class Trial:
     outputs: tuple[str, ...] = ()
     both_ways: bool = False
     lag: float | None = None
-    beside: Callable[[Numbers], dict[str, float]] | None = None
+    changes: Callable[[Numbers], dict[str, float]] | None = None
 
     def sized(self, kind: StageKind, size: float) -> dict[str, float]:
         """The values of so many times this little."""
@@ -109,7 +109,7 @@ class StageKind:
     group : str
         The word that frees its parameters; empty where they are freed by their own names only.
     example : bool
-        Whether it is what an actuator is told to be given where a group is asked for that it lacks.
+        Whether an actuator is advised to get it where a group is named that it lacks.
     counted : bool
         Whether a strip may have several, each with a number behind the prefix.
     one_of : str

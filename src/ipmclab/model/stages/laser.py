@@ -24,8 +24,8 @@ class Reading:
     Parameters
     ----------
     values : float array [m]
-        Beyond the last place at which the laser sees the strip they go on in a straight line, so that a search that
-        has lost the strip finds back to it; ``Laser.lost`` tells where.
+        Beyond the last place at which the laser sees the strip they continue in a straight line, so that a search that
+        has lost the strip finds back to it; ``Laser.lost`` says where.
     by_displacement : float array
         Derivative by the displacement of small bending.
     by_sensing_length : float array
@@ -115,7 +115,7 @@ def read_far(values: FloatArray, outputs: Sequence[str], parameters: Mapping[str
     Parameters
     ----------
     values : float array, shape (n_outputs, n_time)
-        Changed in its row of the displacement, where there is one and the strip stands before a laser.
+        Changed in its row of the displacement, where there is one and the strip is before a laser.
     outputs : sequence of str
     parameters : mapping of dotted name to float [SI]
     """

@@ -26,7 +26,7 @@ _PER_V3 = Quantity("current density per cubed voltage", "A/V^3/m^2", "A/V^3/m^2"
 # A linear unit counts as about 0.1 mA at 2 V on the area of a usual strip, 1.5 cm^2.
 _DECLARATIONS: Final = {
     "cubic": (
-        # The linear part lies in parallel with R_dc: no reading tells the two apart.
+        # The linear part lies in parallel with R_dc: no reading distinguishes the two.
         Declaration("leak.cubic.linear", _PER_V, "a_1", 0.0, 1e9, "linear", typical=0.0, scale=0.5, in_group=False),
         Declaration("leak.cubic.quadratic", _PER_V2, "a_2", 0.0, 1e9, "linear", typical=0.0, scale=0.2),
         Declaration("leak.cubic.cubic", _PER_V3, "a_3", 0.0, 1e9, "linear", typical=3.0, scale=0.1),

@@ -1,4 +1,4 @@
-"""Line: electrodes whose resistance is spread along the strip."""
+"""Line: electrodes whose resistance is distributed along the strip."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ FloatArray = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Line:
-    """The electrodes as a line: resistance and membrane spread evenly from the contacts to the free end.
+    """The electrodes as a line: resistance and membrane distributed evenly from the contacts to the free end.
 
     The line has the free length and that part of the clamped section which the contacts do not feed at once,
     L = L_f + (1 - share) L_c, and the resistance 2 R_s L/w; the clamped part comes first. The contact resistance,
@@ -31,7 +31,7 @@ class Line:
 
     By segments it is a ladder, each segment with its node in its middle and, where there is one, its leak; the error
     falls with the square of their number. By modes it is exact but for a tail with a known bound; a leak at every
-    place would couple the modes, so that it asks for segments.
+    place would couple the modes, so that it needs segments.
 
     Parameters
     ----------
@@ -115,10 +115,10 @@ class Line:
 
 
 _SPREAD = 0.3
-"""Part of the electrodes' resistance that a trial of a line spreads; the rest stands before it."""
+"""Part of the electrodes' resistance that a trial of a line spreads; the rest comes before it."""
 
 
-def _partly_spread(values: Numbers) -> dict[str, float]:
+def _partly_distributed(values: Numbers) -> dict[str, float]:
     sheet = values["circuit.sheet_resistance"]
     lumped = float(2.0 * sheet * geometry.squares(values).real)
     before = values["circuit.contact_resistance"] + (1.0 - _SPREAD) * lumped
@@ -127,7 +127,7 @@ def _partly_spread(values: Numbers) -> dict[str, float]:
 
 def _trials(values: Numbers, name: str) -> Iterator[Trial]:
     if not is_there(values, "line.") and values["circuit.sheet_resistance"] > 0.0:
-        yield Trial(name, beside=_partly_spread)
+        yield Trial(name, changes=_partly_distributed)
 
 
 def _modes_trials(values: Numbers, _excitation: Excitation) -> Iterator[Trial]:

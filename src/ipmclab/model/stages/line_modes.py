@@ -1,8 +1,8 @@
-"""Line by modes: an electrode of evenly spread resistance as lumped circuits side by side, exact but for its tail.
+"""Line by modes: an electrode of evenly distributed resistance as lumped circuits side by side, exact but for its tail.
 
 Along a line of length L the voltage obeys u'' = R Y(s) u with the place counted in L, R the resistance of both
 electrodes and Y the admittance of its membrane. The source feeds it behind the contact resistance R_f, together with
-a membrane m Y that lies at the contacts themselves. Because one Y(s) stands everywhere, the modes in space do not
+a membrane m Y that lies at the contacts themselves. Because one Y(s) is everywhere, the modes in space do not
 depend on s: cos(k_n (1 - place)) with ``R/R_f = k tan k + m k^2``, and each mode is the lumped circuit of the whole
 membrane behind the series resistance R_n = R/k_n^2:
 

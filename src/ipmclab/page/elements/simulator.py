@@ -79,14 +79,14 @@ class Simulator(Element, component="simulator.js"):
         InputError
             The field of a parameter holds no number, or one that was refused: it says so itself.
         """
-        told: dict[str, Any] = await self.run_method("told")
-        if told["wrong"]:
+        state: dict[str, Any] = await self.run_method("told")
+        if state["wrong"]:
             raise InputError(
-                f"there is no number that can be used at: {', '.join(map(str, told['wrong']))}",
+                f"there is no number that can be used at: {', '.join(map(str, state['wrong']))}",
                 code="wrong-fields",
                 repair="correct what is marked",
             )
-        return {str(name): float(value) for name, value in told["changes"].items()}
+        return {str(name): float(value) for name, value in state["changes"].items()}
 
     def complain(self, error: IpmclabError) -> None:
         """Say at the field of a parameter what is wrong with it."""
@@ -127,7 +127,7 @@ def left_open(actuator: Actuator) -> dict[str, str]:
 
 
 def _within(low: float, high: float, unit: str) -> str:
-    """An interval in words, with three digits, or as many as tell its ends apart."""
+    """An interval in words, with three digits, or as many as distinguish its ends."""
     is_above, is_below = low not in (0.0, -math.inf), math.isfinite(high)
     pairs = ([f"{float(f'{end:.{digits}g}'):g}" for end in (low, high)] for digits in (3, 4, 5, 6))
     first, last = next((pair for pair in pairs if pair[0] != pair[1]), (f"{low:.8g}", f"{high:.8g}"))
@@ -142,7 +142,7 @@ def _within(low: float, high: float, unit: str) -> str:
 def slider(parameter: Parameter, note: str = "") -> dict[str, Any]:
     """A parameter as the browser has it: how it is called and shown, and from where to where its slider goes [SI].
 
-    ``note`` is what stands beside it.
+    ``note`` is what is next to it.
 
     Examples
     --------

@@ -17,7 +17,7 @@ class Band:
     ----------
     begin, end : float [s]
     label : str
-        Told where the cursor is in it.
+        Shown where the cursor is in it.
     severity : "info", "warning" or "error"
     channel : str, optional
         Key of the only panel that shows it.
@@ -70,6 +70,6 @@ class TimePlot(Element, component="time_plot.js"):
 
     def show(self, panels: Sequence[Mapping[str, Any]], source: str | None, bands: Sequence[Band] = ()) -> None:
         """Show other curves; a zoom stays where the panels do."""
-        told = {"panels": list(panels), "source": source, "bands": [asdict(band) for band in bands]}
-        self._props["options"].update(told)
-        self.run_method("show", told)
+        options = {"panels": list(panels), "source": source, "bands": [asdict(band) for band in bands]}
+        self._props["options"].update(options)
+        self.run_method("show", options)

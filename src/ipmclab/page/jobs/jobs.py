@@ -30,7 +30,7 @@ class JobCancelled(Exception):
 
 
 class Job:
-    """One piece of work. Read it at any time; ``future`` tells when it is over.
+    """One piece of work. Read it at any time; ``future`` shows when it is over.
 
     Attributes
     ----------
@@ -179,7 +179,7 @@ class _Lane:
 
     @staticmethod
     def _take_back(job: Job, child: subprocess.Popen[bytes]) -> None:
-        """Tell a worker that a job is not wanted, and end it where it does not heed that."""
+        """Signal a worker that a job is not wanted, and end it where it does not heed that."""
         with contextlib.suppress(OSError, ValueError):
             assert child.stdin is not None
             child.stdin.write(pack({"cancel": job.number}))
@@ -232,10 +232,10 @@ class _Lane:
             return
         assert child.stdin is not None
         assert child.stdout is not None
-        with contextlib.suppress(OSError):  # a worker that died tells so below
+        with contextlib.suppress(OSError):  # a worker that died shows below
             child.stdin.write(pack({"id": job.number, "task": job.task, "arguments": job.arguments}))
             child.stdin.flush()
-        if job.is_cancelled.is_set():  # between the two: the worker before this one may have been told
+        if job.is_cancelled.is_set():  # between the two: the worker before this one may have got it
             self._take_back(job, child)
         with self._limited(job, child):
             if self._answered(job, child.stdout):
@@ -259,20 +259,20 @@ class _Lane:
 
     @staticmethod
     def _answered(job: Job, stream: IO[bytes]) -> bool:
-        """Take what a worker tells of a job; False where the worker ended before the job did."""
+        """Take what a worker reports of a job; False where the worker ended before the job did."""
         while (frame := read_frame(stream)) is not None:
-            told = frame.document
-            if told["id"] != job.number:
+            document = frame.document
+            if document["id"] != job.number:
                 continue
-            if "progress" in told:
-                job.sentence, job.fraction = told["progress"], told["fraction"]
+            if "progress" in document:
+                job.sentence, job.fraction = document["progress"], document["fraction"]
                 continue
-            if "done" in told:
-                job._end("done", Frame(told["done"], frame.arrays))
-            elif "cancelled" in told:
+            if "done" in document:
+                job._end("done", Frame(document["done"], frame.arrays))
+            elif "cancelled" in document:
                 job._end("cancelled", error=JobCancelled())
             else:
-                job._end("failed", error=_as_error(told["error"]))
+                job._end("failed", error=_as_error(document["error"]))
             return True
         return False
 
@@ -352,6 +352,6 @@ def _too_long(job: Job) -> IpmclabError:
     )
 
 
-def _as_error(told: Mapping[str, Any]) -> IpmclabError:
-    kind = InputError if told["exit_status"] == 2 else IpmclabError
-    return kind(told["message"], code=told["code"], where=told["where"], repair=told["repair"])
+def _as_error(document: Mapping[str, Any]) -> IpmclabError:
+    kind = InputError if document["exit_status"] == 2 else IpmclabError
+    return kind(document["message"], code=document["code"], where=document["where"], repair=document["repair"])

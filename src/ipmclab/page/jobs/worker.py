@@ -17,8 +17,8 @@ from typing import Any, BinaryIO, Final
 from ipmclab.page.jobs.frames import Frame, pack, read_frame
 from ipmclab.platform import own_stdin
 
-_BETWEEN_TOLD: Final = 0.1
-"""Progress is told at most this often [s]."""
+_BETWEEN_REPORTS: Final = 0.1
+"""Progress is reported at most this often [s]."""
 
 
 class Cancelled(BaseException):
@@ -61,14 +61,14 @@ def _answer(request: dict[str, Any], inbox: _Inbox, out: BinaryIO) -> bytes:
     from ipmclab.page.jobs.tasks import find_task
 
     this = request["id"]
-    last = -_BETWEEN_TOLD
+    last = -_BETWEEN_REPORTS
 
     def progress(sentence: str, fraction: float | None = None) -> None:
         nonlocal last
         if this in inbox.taken_back:
             raise Cancelled
         now = time.monotonic()
-        if now - last >= _BETWEEN_TOLD:
+        if now - last >= _BETWEEN_REPORTS:
             last = now
             out.write(pack({"id": this, "progress": sentence, "fraction": fraction}))
             out.flush()

@@ -1,1 +1,1 @@
-"""What the bench does now: a client of the recorder's process, and what browsers are told of it."""
+"""What the bench does now: a client of the recorder's process, and what is sent of it to browsers."""

@@ -11,7 +11,7 @@ from ipmclab.page.live.follower import Follower
 from ipmclab.page.live.seats import Seats
 
 RIGHT: Final = 10.0
-"""How long [s] after the page was begun anew in mid-run only who held the bench before may take it."""
+"""How long [s] after the page was started again in mid-run only who held the bench before may take it."""
 
 OPERATOR_ONLY: Final = ("start", "stop", "abort", "mark", "answer")
 """What only the operator may ask for. Anybody may bring the output to 0 V."""
@@ -42,7 +42,7 @@ class Bench:
         self.follower.start()
 
     def take(self, seat: str, *, again: bool = False) -> None:
-        """Let a browser hold the bench; ``again`` where it did before the page was begun anew.
+        """Let a browser hold the bench; ``again`` where it did before the page was started again.
 
         Raises
         ------
@@ -111,19 +111,19 @@ class Bench:
         return f"asked of the recorder; {trouble}" if trouble else _SAID.get(what, "")
 
     def _reached(self, what: str, **values: Any) -> bool:
-        """Whether the recorder took a request in, joined anew where that must be: STOP and ZERO do not wait for it."""
+        """Whether the recorder took a request in, joined again where that must be: STOP and ZERO do not wait for it."""
         if self.follower.request(what, **values):
             return True
         self.follower.reach()
         return self.follower.request(what, **values)
 
     def document(self, seat: str) -> dict[str, Any]:
-        """What a browser is told."""
-        told = self.follower.state.document()
-        plan = told["plan"] or {}
+        """What a browser gets."""
+        document = self.follower.state.document()
+        plan = document["plan"] or {}
         return {
             "kind": "state",
-            **told,
+            **document,
             "rig_is_virtual": bool(plan) and not plan.get("rig_proof"),
             "mine": self.seats.holds(seat),
             "held": self.seats.held,

@@ -42,7 +42,7 @@ class Columns:
     def __init__(self, channels: Sequence[str], rate: float, most: int = MOST_ROWS) -> None:
         self.channels = tuple(channels)
         self.rate = rate
-        self.rows_seen = 0
+        self.rows_received = 0
         self.thinned = 0
         """How often older rows were thinned, or a channel was added: what was sent before that is void."""
         self._most = most
@@ -62,17 +62,17 @@ class Columns:
     def append(self, first_row: int, values: Mapping[str, FloatArray]) -> None:
         """Take some rows; where some were missed before them, a row of NaN says so."""
         count = len(next(iter(values.values()), ()))
-        if not count or first_row < self.rows_seen:
+        if not count or first_row < self.rows_received:
             return
         with self._lock:
             if new := tuple(name for name in values if name not in self.channels):
                 rows = np.full((len(new), self._held.shape[1]), np.nan)
                 self._held, self.channels = np.vstack([self._held, rows]), (*self.channels, *new)
                 self.thinned += 1
-            if first_row > self.rows_seen:
-                self._put(np.array([self.rows_seen / self.rate]), {})
+            if first_row > self.rows_received:
+                self._put(np.array([self.rows_received / self.rate]), {})
             self._put((first_row + np.arange(count)) / self.rate, values)
-            self.rows_seen = first_row + count
+            self.rows_received = first_row + count
             if self._count > self._most:
                 self._thin()
 
@@ -96,6 +96,6 @@ class Columns:
         for place, column in enumerate(columns, start=1):
             held[place, :kept] = column
         held[:, kept : kept + rest] = self._held[:, older : self._count]
-        # Another array: whoever reads the old one goes on with what it has.
+        # Another array: whoever reads the old one continues with what it has.
         self._held, self._count = held, kept + rest
         self.thinned += 1

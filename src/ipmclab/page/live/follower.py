@@ -1,4 +1,4 @@
-"""A client of the recorder's process: joins whichever runs in the laboratory, and knows what it has told."""
+"""A client of the recorder's process: joins whichever runs in the laboratory, and knows what it has reported."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ class Follower:
         self._next: Recorder | None = None
         self._launching = False
         self._not_before: dict[Path, float] = {}  # when a recorder is joined again: never one that was followed
-        self._answers = self._answers_told = False
+        self._answers = self._answers_sent = False
         self._status: Path | None = None  # of the guardian of the recorder that is followed, or was last
         self._looked = (0.0, 0.0)  # when at that, and at the others
         self._air: dict[str, float] = {}  # the last reading: between two of them the plots hold it
@@ -79,7 +79,7 @@ class Follower:
         self._thread.start()
 
     def close(self) -> None:
-        """Leave; a recorder goes on."""
+        """Leave; a recorder continues."""
         self._ended.set()
         self._thread.join(2.0)
         with self._sending:
@@ -146,7 +146,7 @@ class Follower:
             if recorder is None:
                 return False
             if not recorder.request(kind, **values):
-                self._recorder = self._next = None  # so that it is joined anew, at once by who must reach it
+                self._recorder = self._next = None  # so that it is joined again, at once by who must reach it
                 self._not_before[recorder.file] = time.monotonic() + _AGAIN
                 return False
         if kind == "answer":
@@ -155,7 +155,7 @@ class Follower:
         return True
 
     def let_answer(self, there: bool) -> None:
-        """The recorder shall know whether somebody is there who could answer; it is told a moment later."""
+        """The recorder shall know whether somebody is there who could answer; it is sent a moment later."""
         self._answers = there
 
     def _follow(self) -> None:
@@ -165,7 +165,7 @@ class Follower:
             recorder = self._joined()
             self._look()
             if recorder is None:
-                if lost is not None and self._told_lost(lost, since):
+                if lost is not None and self._reported_lost(lost, since):
                     lost = None
                 self._ended.wait(_LOOK)
                 continue
@@ -183,14 +183,14 @@ class Follower:
                     if not self._ended.is_set():
                         recorder.close()
 
-    def _told_lost(self, recorder: Recorder, since: float) -> bool:
+    def _reported_lost(self, recorder: Recorder, since: float) -> bool:
         """Say that a recorder is gone; False while it may run and only cannot be reached, which is said as such."""
         if self.may_run:
             if time.monotonic() - since > _AGAIN and self.state.bench != "lost":
                 self._look(at_once=True)
                 self.state.lost("it does not answer, and is tried again", is_gone=False)
             return False
-        aftermath.fate(recorder.file, within=_ACTS)  # what it says later is seen as well
+        aftermath.fate(recorder.file, within=_ACTS)  # what it says later is read as well
         self._look(at_once=True)
         repair = f"ipmclab recover {as_typed(recorder.file.parent.parent)} keeps what it had recorded"
         self.state.lost(f"the recorder's process is gone: {repair}", is_gone=True)
@@ -229,8 +229,8 @@ class Follower:
             return recorder
 
     def _subscribe(self, recorder: Recorder) -> None:
-        self._answers_told = self._answers
-        recorder.request("subscribe", blocks=True, answers=self._answers_told)
+        self._answers_sent = self._answers
+        recorder.request("subscribe", blocks=True, answers=self._answers_sent)
 
     def _searched(self, at_once: bool = False) -> Recorder | None:
         folder = self._folder()
@@ -273,7 +273,7 @@ class Follower:
             if message is not None and message.kind == "block":
                 read = time.monotonic()
             self.state.read_nothing(self._silence(time.monotonic() - read))
-            if self._answers != self._answers_told:
+            if self._answers != self._answers_sent:
                 with self._sending:
                     self._subscribe(recorder)
             if message is None:
@@ -288,7 +288,7 @@ class Follower:
         if run is None or columns is None:
             return None
         rate, rows = float(run["rate"]), progress.get("of", run["rows"])
-        waits = columns.rows_seen < rows and seconds > max(_SILENT, 3.0 * block_rows(rate) / rate)
+        waits = columns.rows_received < rows and seconds > max(_SILENT, 3.0 * block_rows(rate) / rate)
         return int(seconds) if waits else None
 
     def _take(self, message: Message) -> None:
@@ -329,9 +329,9 @@ class Follower:
     def _append(self, columns: Columns) -> None:
         """Put the blocks that came behind what was recorded before them; for the journal to have that, they wait."""
         first = self._waiting[0][0]
-        if columns.rows_seen < first:
+        if columns.rows_received < first:
             self._fill(columns, first)
-        if columns.rows_seen < first and self.state.journal is not None and time.monotonic() < self._patience:
+        if columns.rows_received < first and self.state.journal is not None and time.monotonic() < self._patience:
             return
         for first, values in self._waiting:
             columns.append(first, values)
@@ -349,6 +349,6 @@ class Follower:
             for first, values in record.rows():
                 if first >= rows:
                     break
-                start, stop = max(columns.rows_seen - first, 0), min(len(values), rows - first)
+                start, stop = max(columns.rows_received - first, 0), min(len(values), rows - first)
                 found = {name: values[start:stop, places[name]] for name in columns.channels if name in places}
                 columns.append(first + start, found)

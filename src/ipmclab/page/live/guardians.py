@@ -17,7 +17,7 @@ _TAIL: Final = 65536  # bytes of the log that are looked at: some hundred runs
 def left_by_others(folder: Path, own: str) -> dict[str, tuple[str, str]]:
     """State and text of each guardian that matters when its recorder is not followed, by the name of that one's file.
 
-    A guardian that is armed for another recorder which is there is none of them: that is a run that goes on.
+    A guardian that is armed for another recorder which is there is none of them: that is a run that continues.
 
     Parameters
     ----------

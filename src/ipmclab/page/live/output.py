@@ -43,7 +43,7 @@ class _Doubt:
 
 
 class Output:
-    """What the recorder and the guardians told of the output. Not for several threads at once.
+    """What the recorder and the guardians reported of the output. Not for several threads at once.
 
     Examples
     --------
@@ -84,13 +84,13 @@ class Output:
         return next((f"{one.why} (an earlier recorder)" for one in self._doubts.values()), "")
 
     @property
-    def told_guardian(self) -> str:
+    def guardian_report(self) -> str:
         """What the guardian has come to that matters most."""
         doubts = [one.guardian for one in self._doubts.values()]
         return self.guardian if self._own == "unsure" or not doubts else doubts[-1]
 
     def joined(self, name: str, rig: str | None) -> None:
-        """Another recorder, by the name of its file, or the same one, which tells everything again."""
+        """Another recorder, by the name of its file, or the same one, which sends everything again."""
         if name != self._name:
             if self._own == "unsure":
                 self._doubts[self._name] = self._doubt
@@ -100,7 +100,7 @@ class Output:
         self.guardian = self._guardian_text = ""
 
     def take(self, message: Message) -> None:
-        """Something that the recorder told."""
+        """Something that the recorder reported."""
         values = message.values
         match message.kind:
             case "plan":

@@ -26,7 +26,7 @@ TICK: Final = 0.05
 """How often [s] a browser is sent new readings."""
 
 PULSE: Final = 0.25
-"""How often [s] it is told numbers and progress."""
+"""How often [s] it gets numbers and progress."""
 
 ALIVE: Final = 1.0
 """At least so often [s] it hears something, so that it notices a link that is dead."""
@@ -55,7 +55,7 @@ def routes(bench: Bench) -> APIRouter:
         bench.seats.come(seat)
         listening = asyncio.create_task(_listen(socket, view))
         try:
-            await _tell(socket, bench, seat, view, listening)
+            await _send(socket, bench, seat, view, listening)
         except (WebSocketDisconnect, RuntimeError, OSError):
             pass  # it is gone
         except asyncio.CancelledError:
@@ -74,9 +74,9 @@ def routes(bench: Bench) -> APIRouter:
         except TimeoutError:
             return JSONResponse({"message": _SLOW}, 503)
         except IpmclabError as error:
-            told = {**error.as_dict(), "message": f"{error.message}; {error.repair}"}
+            answer = {**error.as_dict(), "message": f"{error.message}; {error.repair}"}
             status = 400 if error.code == BAD_REQUEST else 409 if error.exit_status == 1 else 422
-            return JSONResponse(told, status)
+            return JSONResponse(answer, status)
         except KeyError:
             return JSONResponse({"message": f"the bench cannot be asked for {what!r}"}, 404)
         return JSONResponse({"message": message})
@@ -149,14 +149,14 @@ async def _listen(socket: WebSocket, view: View) -> None:
                 view.choose(json.loads(text[:_MOST_TEXT]))
 
 
-async def _tell(socket: WebSocket, bench: Bench, seat: str, view: View, listening: asyncio.Task[None]) -> None:
+async def _send(socket: WebSocket, bench: Bench, seat: str, view: View, listening: asyncio.Task[None]) -> None:
     """Send what is new until the browser is gone. A slow one gets larger pieces, not a queue of small ones."""
-    state, told, pulsed, spoken = bench.follower.state, (-1, -1), (-1, 0.0), 0.0
+    state, sent, pulsed, spoken = bench.follower.state, (-1, -1), (-1, 0.0), 0.0
     while not listening.done():
         now = time.monotonic()
         versions = (state.version, bench.seats.version)
-        if versions != told:
-            told, spoken = versions, now
+        if versions != sent:
+            sent, spoken = versions, now
             await socket.send_text(json.dumps(bench.document(seat), allow_nan=False))
         if now - pulsed[1] >= PULSE and state.pulse != pulsed[0]:
             pulsed, spoken = (state.pulse, now), now

@@ -1,4 +1,4 @@
-"""What is known of the bench, gathered from what its recorder told: the document that every browser shows."""
+"""What is known of the bench, gathered from what its recorder reported: the document that every browser shows."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ _MOST_NOTES: Final = 60
 
 
 class State:
-    """What a recorder has told so far. Every method may be called from any thread."""
+    """What a recorder has reported so far. Every method may be called from any thread."""
 
     def __init__(self) -> None:
-        self._at: float | None = None  # when what is taken now was told
+        self._at: float | None = None  # when what is taken now was sent
         self._lock = threading.Lock()
         self.version = 0
         """Changes with what happens; readings and progress change only the pulse."""
@@ -64,8 +64,8 @@ class State:
     def trouble(self) -> str:
         """What everybody is to know before all else, such as readings that do not come; empty where there is none."""
         with self._lock:
-            told = self._in_words()
-        return "; ".join(filter(None, (told["alarm"], told["text"]))) if told["trouble"] else ""
+            words = self._in_words()
+        return "; ".join(filter(None, (words["alarm"], words["text"]))) if words["trouble"] else ""
 
     @property
     def run(self) -> dict[str, Any] | None:
@@ -76,11 +76,11 @@ class State:
     def document(self) -> dict[str, Any]:
         """All of it, as JSON holds it."""
         with self._lock:
-            told = {**self._told, "generation": self.generation, "version": self.version}
+            words = {**self._told, "generation": self.generation, "version": self.version}
             for name in ("notes", "recorded", "steps"):
-                told[name] = list(told[name])
-            told.update(self._in_words())
-        return told
+                words[name] = list(words[name])
+            words.update(self._in_words())
+        return words
 
     def _in_words(self) -> dict[str, Any]:
         """What the header says, and whether the readings are of now."""
@@ -112,8 +112,8 @@ class State:
         with self._lock:
             self._output.lost(is_gone=is_gone)
             self._changed(bench="lost", text=text, question=None, silent=None)
-            told = self._in_words()
-            self._note("; ".join(filter(None, (told["alarm"], told["text"]))))
+            words = self._in_words()
+            self._note("; ".join(filter(None, (words["alarm"], words["text"]))))
 
     def guarded(self, state: str, text: str = "") -> None:
         """What the recorder's guardian has come to, by its own word."""
@@ -171,10 +171,10 @@ class State:
         del notes[:-_MOST_NOTES]
 
     def take(self, message: Message) -> None:
-        """Something that the recorder told."""
+        """Something that the recorder reported."""
         taken = _TAKEN_BY.get(message.kind)
         with self._lock:
-            self._at = message.at  # whoever comes later hears again what was told before
+            self._at = message.at  # whoever comes later hears again what was sent before
             self._output.take(message)
             if taken is not None:
                 taken(self, dict(message.values))

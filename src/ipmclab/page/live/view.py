@@ -64,9 +64,9 @@ class View:
             return []
         fresh = generation != self._generation
         if kind == "whole":
-            if not fresh and (now - self._last < WHOLE_EVERY or columns.rows_seen == self._count):
+            if not fresh and (now - self._last < WHOLE_EVERY or columns.rows_received == self._count):
                 return []
-            self._generation, self._last, self._count = generation, now, columns.rows_seen
+            self._generation, self._last, self._count = generation, now, columns.rows_received
             return [await asyncio.to_thread(self._whole, columns, generation)]
         return self._rows(columns, generation, fresh)
 

@@ -52,8 +52,8 @@ def in_words(bench: str, output: Output, silent: int | None, more: str) -> str:
     if bench == "lost":
         level = level or "the recorder may be driving the output"
         return _joined("" if output.is_virtual else level, more)
-    told = more or WORDS[bench]
-    return told if bench in ("idle", "starting", "planned", "recording") else ", ".join(filter(None, (told, level)))
+    text = more or WORDS[bench]
+    return text if bench in ("idle", "starting", "planned", "recording") else ", ".join(filter(None, (text, level)))
 
 
 def guard_in_words(bench: str, output: Output) -> str:
@@ -64,7 +64,7 @@ def guard_in_words(bench: str, output: Output) -> str:
     >>> guard_in_words("ended", Output())
     'guard: off'
     """
-    guardian = output.told_guardian
+    guardian = output.guardian_report
     if guardian == "failed":
         return "guardian: failed"
     if guardian == "unread":

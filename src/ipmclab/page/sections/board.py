@@ -23,16 +23,16 @@ def build_board(folder: Path) -> None:
         return
     with card("Campaign", place="campaign"):
         box = ui.element("div")
-    seen: list[Board | None] = [None]
+    shown: list[Board | None] = [None]
 
     async def look() -> None:
         try:
             found = board_of(await asyncio.to_thread(read_events, folder))
         except (IpmclabError, OSError):
             return  # it is looked for again soon
-        if found is None or found == seen[0]:
+        if found is None or found == shown[0]:
             return
-        seen[0] = found
+        shown[0] = found
         box.clear()
         with box:
             _fill(found)
@@ -54,5 +54,5 @@ def _fill(board: Board) -> None:
     ]
     head = {"sample": "sample", **{part: part for part in board.parts}}
     if board.models:
-        head["model"] = "model: fit of runs that it had not seen"
+        head["model"] = "model: fit of runs that did not identify it"
     plain_table(head, rows, caption="Runs of the campaign")

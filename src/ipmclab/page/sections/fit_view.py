@@ -13,9 +13,10 @@ from ipmclab.fit.answer import REFUSED
 from ipmclab.fit.mountings import NEXT_STRIP
 from ipmclab.page.curves import compared_panels
 from ipmclab.page.elements.time_plot import TimePlot
+from ipmclab.page.fit_cards import FitCard
 from ipmclab.page.sections.kept import Kept
 from ipmclab.page.sections.parts import card, download, fail_at, finding_list, plain_table, step_view, text
-from ipmclab.page.workshop import FitCard, Workshop
+from ipmclab.page.workshop import Workshop
 
 _PARAMETERS: Final = {
     "symbol": "",
@@ -54,13 +55,13 @@ _LEFT_OUT: Final = {
 
 
 _PLACES: Final = {
-    "models": "Beside other models",
+    "models": "Compared with other models",
     "measured": "Measured against model",
     "profiles": "How well each is known",
     "left-out": "Runs left out",
     "findings": "Findings",
 }
-"""What stands below the parameters, and how links to it are called."""
+"""What is below the parameters, and how links to it are called."""
 
 _MAY_LACK: Final = {"profiles": "profiles", "left-out": "left_out"}
 """Of these, what not every fit has, and where it would stand."""
@@ -106,35 +107,35 @@ class FitView:
     def show(self, one: FitCard) -> None:
         """Show a fit that is done."""
         assert one.frame is not None
-        told = one.frame.document
+        document = one.frame.document
         self._box.clear()
         with self._box:
             with card(one.asked.name):
-                empty = {place for place, key in _MAY_LACK.items() if not told[key]}
+                empty = {place for place, key in _MAY_LACK.items() if not document[key]}
                 _build_jumps({place: words for place, words in _PLACES.items() if place not in empty})
-                for words, is_bad in known_in_words(told):
+                for words, is_bad in known_in_words(document):
                     text(words).classes("lab-bad" if is_bad else "")
-                plain_table(_shown(told["parameters"]), told["parameters"], caption="Parameters")
-                if told.get("known"):
-                    columns = {**_KNOWN, "name": told.get("known_title", "")}
-                    plain_table(columns, told["known"], caption="What these runs determine")
+                plain_table(_shown(document["parameters"]), document["parameters"], caption="Parameters")
+                if document.get("known"):
+                    columns = {**_KNOWN, "name": document.get("known_title", "")}
+                    plain_table(columns, document["known"], caption="What these runs determine")
                 self._build_keep(one)
             with card("Measured against model", place="measured"):
                 self._build_plot(one)
-                plain_table(_OUTPUTS, told["outputs"], caption="How each output was met")
-            if told["profiles"]:
+                plain_table(_OUTPUTS, document["outputs"], caption="How each output was met")
+            if document["profiles"]:
                 with card("How well each is known", place="profiles"):
                     with ui.element("div").classes("lab-bar"):
                         download("SVG", f"/fits/{one.key}/profiles?kind=svg")
                         download("CSV", f"/fits/{one.key}/profiles?kind=csv")
-                    ui.html(told["profiles"]["svg"], sanitize=False).classes("lab-figure")
-                    text(told["profiles"]["caption"]).classes("lab-quiet")
-                    text(told["profiles"]["sentence"])
-            if told["left_out"]:
+                    ui.html(document["profiles"]["svg"], sanitize=False).classes("lab-figure")
+                    text(document["profiles"]["caption"]).classes("lab-quiet")
+                    text(document["profiles"]["sentence"])
+            if document["left_out"]:
                 with card("Each run as the others predict it", place="left-out"):
-                    plain_table(_LEFT_OUT, told["left_out"], caption="Runs left out")
+                    plain_table(_LEFT_OUT, document["left_out"], caption="Runs left out")
             with card("Findings", place="findings"):
-                finding_list(told["findings"])
+                finding_list(document["findings"])
             with card("How this fit was asked for"), ui.element("details"):
                 text("command and Python", tag="summary")
                 start = one.made.start
@@ -191,33 +192,33 @@ class FitView:
 
 
 def _build_jumps(places: Mapping[str, str]) -> None:
-    """Links to what stands further down."""
+    """Links to what is further down."""
     with ui.element("nav").props('aria-label="Of this fit"').classes("lab-jumps"):
         for place, words in places.items():
             with ui.element("a").props(f'href="#lab-{place}"'):
                 text(words, tag="span")
 
 
-def known_in_words(told: Mapping[str, Any]) -> list[tuple[str, bool]]:
+def known_in_words(document: Mapping[str, Any]) -> list[tuple[str, bool]]:
     """What a fit knows, sentence by sentence, and whether each calls for caution."""
-    open_ones = [row["name"] for row in told["parameters"] if not row["determined"]]
-    found = [(told["verdict"], told["verdict"].startswith(REFUSED))]
-    if not told["converged"]:
-        found.append((f"It did not converge: {told['message']}. These numbers are not a model.", True))
+    open_ones = [row["name"] for row in document["parameters"] if not row["determined"]]
+    found = [(document["verdict"], document["verdict"].startswith(REFUSED))]
+    if not document["converged"]:
+        found.append((f"It did not converge: {document['message']}. These numbers are not a model.", True))
     if open_ones:
         verb, listed = "is" if len(open_ones) == 1 else "are", ", ".join(open_ones)
-        words = f"{len(open_ones)} of {told['free']} parameters {verb} not determined by these runs: {listed}."
+        words = f"{len(open_ones)} of {document['free']} parameters {verb} not determined by these runs: {listed}."
         found.append((words, True))
     else:
-        found.append((f"All {told['free']} free parameters are determined by these runs.", False))
-    if told["averaged"]:
-        listed = ", ".join(told["averaged"])
+        found.append((f"All {document['free']} free parameters are determined by these runs.", False))
+    if document["averaged"]:
+        listed = ", ".join(document["averaged"])
         found.append((f"The mountings differ, so one value for all of them holds for none: {listed}.", True))
-    if told["next_mounting_unknown"]:
-        words = told["next_mounting_unknown"]
+    if document["next_mounting_unknown"]:
+        words = document["next_mounting_unknown"]
         found.append((f"{words[:1].upper()}{words[1:]}; {NEXT_STRIP}.", False))
-    found += [(words, True) for words in told["undetermined"]]
-    found += [(one["message"], True) for one in told["findings"] if one["severity"] == "error"]
+    found += [(words, True) for words in document["undetermined"]]
+    found += [(one["message"], True) for one in document["findings"] if one["severity"] == "error"]
     return found
 
 

@@ -14,13 +14,13 @@ from ipmclab.page.commands import identify_step
 from ipmclab.page.context import Context
 from ipmclab.page.elements.free_table import FreeTable
 from ipmclab.page.elements.run_table import Chosen, RunTable
+from ipmclab.page.fit_cards import FitCard, FitRequest
 from ipmclab.page.run_table import RunFilter, table_rows
 from ipmclab.page.sections.fit_view import FitView
 from ipmclab.page.sections.kept import Kept, texts
 from ipmclab.page.sections.next_runs import NextRunsView
 from ipmclab.page.sections.parts import card, fail_at, sentence, step_view, text
 from ipmclab.page.sections.prediction import PredictionView
-from ipmclab.page.workshop import FitCard, FitRequest
 
 _PERIOD: Final = 0.25  # s between looks at the jobs
 _STATE_MOUNTING: Final = "state its mounting where it is recorded or imported, or choose “free per run”"
@@ -83,9 +83,9 @@ class _View:
                 autocomplete=list(self._workshop.actuators()),
                 on_change=self._read_names,
             ).props("dense outlined debounce=300")
-            self._free = FreeTable(self._tell_step)
+            self._free = FreeTable(self._show_step)
             self._offered = self._workshop.next_name()
-            self._name = ui.input("Name of the fit", value=self._offered, on_change=self._tell_step)
+            self._name = ui.input("Name of the fit", value=self._offered, on_change=self._show_step)
             self._name.props("dense outlined")
             self._message = text("").classes("lab-bad").props("role=alert")
             ui.button("Identify", on_click=self._identify).props("unelevated no-caps")
@@ -111,7 +111,7 @@ class _View:
         kept = await self._kept.values()
         await self._read_rows()
         self._choose_opened()
-        self._go_on(kept)
+        self._continue(kept)
         self._chose(self._table.chosen)
         await self._read_names()
         self._fit.go_on(kept)
@@ -144,7 +144,7 @@ class _View:
         if found:
             self._table.choose("fit", list(dict.fromkeys(found)))
 
-    def _go_on(self, kept: dict[str, Any]) -> None:
+    def _continue(self, kept: dict[str, Any]) -> None:
         """The form as this window left it; a run that is gone is chosen no longer."""
         for name, field in (("actuator", self._actuator), ("name", self._name)):
             if isinstance(kept.get(name), str):
@@ -167,7 +167,7 @@ class _View:
     def _chose(self, chosen: Chosen) -> None:
         fit, held = len(chosen["fit"]), len(chosen["held"])
         self._count.set_text(f"{fit} to identify from, {held} to predict")
-        self._tell_step()
+        self._show_step()
 
     async def _read_names(self) -> None:
         """The parameters of the actuator, to be freed by name."""
@@ -183,7 +183,7 @@ class _View:
             return
         if name == self._actuator.value:  # else another was written meanwhile
             self._free.offer(actuator)
-            self._tell_step()
+            self._show_step()
 
     def _request(self) -> FitRequest:
         chosen, free = self._table.chosen, self._free.chosen
@@ -198,9 +198,9 @@ class _View:
             held=tuple(chosen["held"]),
         )
 
-    def _tell_step(self) -> None:
+    def _show_step(self) -> None:
         asked, name = self._request(), self._offered
-        with contextlib.suppress(InputError):  # told when it is asked for
+        with contextlib.suppress(InputError):  # shown when it is asked for
             self._workshop.refuse_name(asked.name)
             name = asked.name
         step = identify_step(
@@ -248,7 +248,7 @@ class _View:
             self._offer_name()
             self._draw_jobs({key for key, state in now.items() if self._told.get(key) != state})
             self._told = now
-        self._tell_progress()
+        self._show_progress()
         if self._awaited is not None and self._awaited.job.is_over:
             self._show(self._awaited)
 
@@ -283,7 +283,7 @@ class _View:
         else:
             text(_outcome(one)).classes("lab-bad" if one.job.state == "failed" else "lab-quiet")
 
-    def _tell_progress(self) -> None:
+    def _show_progress(self) -> None:
         for one in self._workshop.fits:
             if one.key in self._bars and not one.job.is_over:
                 bar, label = self._bars[one.key]
@@ -296,7 +296,7 @@ class _View:
         self._awaited = None
         error = one.job.error
         if error is not None:
-            if error.code == "no-mounting":  # whose run says of which it is not, the name tells
+            if error.code == "no-mounting":  # whose run says of which it is not, the name shows it
                 self._free.complain(f"{error.where}: {error.message}; {_STATE_MOUNTING}")
             elif error.where.startswith(("free", "per_run", "per_mounting", "prior")):
                 self._free.complain(sentence(error))
@@ -314,7 +314,7 @@ class _View:
         self._actuator.set_autocomplete(list(self._workshop.actuators()))
         self._prediction.refill()
         self._next.refill()
-        self._tell_step()
+        self._show_step()
 
 
 def _outcome(one: FitCard) -> str:
@@ -323,8 +323,8 @@ def _outcome(one: FitCard) -> str:
         return f"failed: {error.where + ': ' if error.where else ''}{sentence(error)}"
     if one.frame is None:
         return "cancelled"
-    told = one.frame.document
-    open_ones = sum(not row["determined"] for row in told["parameters"])
-    known = f"{told['free'] - open_ones} of {told['free']} parameters determined"
+    document = one.frame.document
+    open_ones = sum(not row["determined"] for row in document["parameters"])
+    known = f"{document['free'] - open_ones} of {document['free']} parameters determined"
     saved = f", saved as {one.saved}" if one.saved else ""
-    return f"{'' if told['converged'] else 'did not converge, '}{known}, {one.job.seconds:.1f} s{saved}"
+    return f"{'' if document['converged'] else 'did not converge, '}{known}, {one.job.seconds:.1f} s{saved}"

@@ -39,7 +39,7 @@ _IN_A_FORM: Final = {
     "ragged-row": "see that the file is complete, what separates the columns, and the lines before the table",
     "unit-mismatch": "choose “as in the file”, or write the factor 1 where the file is wrong",
 }
-"""What to do about a mistake where a form stands in place of the map: of each code."""
+"""What to do about a mistake where a form is in place of the map: of each code."""
 
 _MARKS: Final = {
     "decimal-comma": "choose the comma as the decimal mark",
@@ -58,7 +58,7 @@ Done = Callable[[str], Awaitable[None]]
 
 
 def build_import(workshop: Workshop, on_done: Done) -> None:
-    """The card with which a record is imported; ``on_done`` is told the path of the run."""
+    """The card with which a record is imported; ``on_done`` gets the path of the run."""
     _Import(workshop, on_done).build()
 
 
@@ -99,7 +99,7 @@ class _Import:
         self._path: Path | None = None
         self._name = ""
         self._layout: dict[str, Any] = {}
-        self._seen: dict[str, Any] = {}
+        self._previewed: dict[str, Any] = {}
         self._columns: list[dict[str, str]] = []
         self._said = Said()
         self._curves: str | None = None
@@ -134,10 +134,10 @@ class _Import:
         found = [path for path in sorted(lab.root.glob("*")) if path.suffix.lower() in ENDINGS and path.is_file()]
         return [lab.below(path) for path in found[:200]]
 
-    async def _sent(self, told: dict[str, str]) -> None:
-        path = self._workshop.scratch / Path(told["key"]).name
+    async def _sent(self, file: dict[str, str]) -> None:
+        path = self._workshop.scratch / Path(file["key"]).name
         if path.is_file():
-            await self._open(path, told["name"])
+            await self._open(path, file["name"])
 
     async def _open(self, path: Path, name: str) -> None:
         """Read the first rows of a record as it seems to be written, and put the form together."""
@@ -146,33 +146,33 @@ class _Import:
             self._forget()
         self._path, self._name = path, name
         try:
-            seen = await self._preview(None)
+            preview = await self._preview(None)
         except IpmclabError as error:
             self._message.set_text(self._named(str(error)))
             self._form.clear()
             return
-        if seen is None:
+        if preview is None:
             return
-        self._seen, self._layout, self._misread = seen, seen["file"], None
+        self._previewed, self._layout, self._misread = preview, preview["file"], None
         self._said = Said()
         self._form.clear()
         with self._form:
             self._build_form()
 
     async def _read_again(self) -> None:
-        """Read the record as the form says now: its columns are shown anew, all else stays as it was filled in."""
+        """Read the record as the form says now: its columns are shown again, all else stays as it was filled in."""
         self._clear_errors()
         self._said.keep(self._columns)
         try:
             layout = self._wanted_layout()
-            seen = await self._preview(layout)
+            preview = await self._preview(layout)
         except IpmclabError as error:
             self._misread = error
             self._complain_of_layout(error)
             return
-        if seen is None:
+        if preview is None:
             return
-        self._seen, self._layout, self._misread = seen, layout, None
+        self._previewed, self._layout, self._misread = preview, layout, None
         self._result.clear()
         self._show_columns()
 
@@ -190,10 +190,10 @@ class _Import:
             raise
         return frame.document if asked == self._asked else None
 
-    def _named(self, told: str) -> str:
+    def _named(self, words: str) -> str:
         """What is said of a file, with the name that its owner gave it: one that was sent is kept under another."""
         assert self._path is not None
-        return told.replace(str(self._path), self._name).replace(self._path.name, self._name)
+        return words.replace(str(self._path), self._name).replace(self._path.name, self._name)
 
     async def _do(self, task: str, arguments: dict[str, Any]) -> Frame:
         job = self._workshop.jobs.submit(task, arguments, title="import")
@@ -225,12 +225,12 @@ class _Import:
 
     def _show_columns(self) -> None:
         """The columns as they were read last, with what was said of them."""
-        seen = self._seen
-        self._count.set_text(f"{self._name}: {seen['count']} rows, {len(seen['names'])} columns")
-        self._columns = self._said.begin(seen["names"], seen["guesses"])
+        preview = self._previewed
+        self._count.set_text(f"{self._name}: {preview['count']} rows, {len(preview['names'])} columns")
+        self._columns = self._said.begin(preview["names"], preview["guesses"])
         self._table_place.clear()
         with self._table_place:
-            self._map = ColumnMap(seen["names"], seen["rows"], self._columns, self._mapped)
+            self._map = ColumnMap(preview["names"], preview["rows"], self._columns, self._mapped)
 
     def _build_layout(self) -> None:
         layout, again = self._layout, self._read_again
@@ -283,7 +283,7 @@ class _Import:
         table: dict[str, Any] = {"hold": self._hold.value, "file": self._layout}
         if self._period.value:
             table["sampling_period"] = self._period.value.strip()
-        table["channels"] = channel_tables(self._seen["names"], self._columns)
+        table["channels"] = channel_tables(self._previewed["names"], self._columns)
         if self._sample.value:
             table["sample"] = {"id": plain_name(self._sample.value, "sample")}
         if self._mounting.value:
@@ -313,7 +313,7 @@ class _Import:
         return table
 
     def _show(self, frame: Frame) -> None:
-        told, time = frame.document, frame.arrays["time"]
+        document, time = frame.document, frame.arrays["time"]
         panels = [
             Panel.of(name, CHANNELS[name], [Series(name, name, time, frame.arrays[name])])
             for name in CHANNELS
@@ -321,14 +321,16 @@ class _Import:
         ]
         self._workshop.curves.forget(self._curves)
         self._curves = self._workshop.curves.add(panels)
-        bands = finding_bands(told["findings"])
+        bands = finding_bands(document["findings"])
         self._result.clear()
         with self._result:
-            text(f"{told['rows']} rows, {told['duration']:.6g} s at {told['rate']:.6g} Hz").props("role=status")
-            for words in told["unmet"]:
+            text(f"{document['rows']} rows, {document['duration']:.6g} s at {document['rate']:.6g} Hz").props(
+                "role=status"
+            )
+            for words in document["unmet"]:
                 text(f"{words}: see what was said of lost readings.").classes("lab-bad").props("role=alert")
             TimePlot(self._name, [panel.as_dict() for panel in panels], self._curves, bands=bands, height=95)
-            finding_list(told["findings"])
+            finding_list(document["findings"])
 
     async def _save(self) -> None:
         lab = self._workshop.lab
@@ -374,8 +376,8 @@ class _Import:
             fail_at(self._skip, "no rows of numbers come after so many lines; write a smaller number")
         else:
             known = _IN_A_FORM | _MARKS
-            told = f"{error.message}; {known[error.code]}" if error.code in known else sentence(error)
-            self._layout_wrong.set_text(self._named(f"{error.where}: {told}" if error.where else told))
+            message = f"{error.message}; {known[error.code]}" if error.code in known else sentence(error)
+            self._layout_wrong.set_text(self._named(f"{error.where}: {message}" if error.where else message))
 
     def _complain(self, error: IpmclabError) -> None:
         """Say what is wrong at the column or the field that it belongs to."""
@@ -383,14 +385,14 @@ class _Import:
         channel = where.split("channels.", 1)[1].split(".")[0] if "channels." in where else ""
         place = next((k for k, column in enumerate(self._columns) if channel and column["channel"] == channel), None)
         repair = repair_in_a_form(error, where, is_text=self._layout["format"] == "csv")
-        told = self._named(f"{error.message}; {repair}" if repair else error.message)
+        message = self._named(f"{error.message}; {repair}" if repair else error.message)
         if place is not None:
-            self._map.complain({place: told})
+            self._map.complain({place: message})
         elif "sampling_period" in where or error.code == "no-time":
-            fail_at(self._period, told)
+            fail_at(self._period, message)
         elif where.startswith("sample"):
-            fail_at(self._sample, told)
+            fail_at(self._sample, message)
         elif where == _MOUNTING:
-            fail_at(self._mounting, told)
+            fail_at(self._mounting, message)
         else:
-            self._wrong.set_text(self._named(f"{where}: {told}") if where else told)
+            self._wrong.set_text(self._named(f"{where}: {message}") if where else message)

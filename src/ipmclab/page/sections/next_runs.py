@@ -1,4 +1,4 @@
-"""Which runs to record next: what each would tell of a fitted strip for its time on the bench."""
+"""Which runs to record next: the information of each on a fitted strip for its time on the bench."""
 
 from __future__ import annotations
 
@@ -10,11 +10,12 @@ from nicegui import ui
 
 from ipmclab.errors import InputError, IpmclabError
 from ipmclab.page.commands import next_step
+from ipmclab.page.fit_cards import FitCard
 from ipmclab.page.jobs.jobs import JobCancelled
 from ipmclab.page.lab import files_of
 from ipmclab.page.sections.kept import Kept
 from ipmclab.page.sections.parts import card, fail_at, plain_table, step_view, text
-from ipmclab.page.workshop import FitCard, Workshop
+from ipmclab.page.workshop import Workshop
 from ipmclab.signals import parse
 from ipmclab.units import CURRENT, TIME, VOLTAGE, Quantity, parse_quantity
 
@@ -58,7 +59,7 @@ class NextRunsView:
     def build(self) -> None:
         """Make the form."""
         with card("Which run next", place="next"):
-            text("The runs that would tell most of a fitted strip, for their time on the bench.").classes("lab-quiet")
+            text("The runs that give most information on a strip, for their time on the bench.").classes("lab-quiet")
             with ui.element("div").classes("lab-bar"):
                 self._fit = ui.select(self._fits(), label="Fit to ask").props("dense outlined options-dense")
                 self._fit.classes("lab-wide")
@@ -121,7 +122,7 @@ class NextRunsView:
         self._rival.set_visibility(self._goal.value == "model")
 
     def _number(self, field: ui.input, quantity: Quantity) -> float:
-        """What stands in a field [SI].
+        """What is in a field [SI].
 
         Raises
         ------
@@ -212,7 +213,7 @@ class NextRunsView:
         self._message.set_text("asking the model")
         try:
             job = self._workshop.jobs.submit("propose", asked, title="the next runs")
-            told = (await asyncio.wrap_future(job.future)).document
+            document = (await asyncio.wrap_future(job.future)).document
         except JobCancelled:
             return
         except IpmclabError as error:
@@ -224,12 +225,12 @@ class NextRunsView:
         self._message.set_text("")
         self._box.clear()
         with self._box:
-            known = {key: heading for key, heading in _RUNS.items() if any(row[key] for row in told["runs"])}
-            plain_table(known, told["runs"], caption="Runs to record next")
-            for words in told["sentences"]:
+            known = {key: heading for key, heading in _RUNS.items() if any(row[key] for row in document["runs"])}
+            plain_table(known, document["runs"], caption="Runs to record next")
+            for words in document["sentences"]:
                 text(words)
-            plain_table(_EXPECTED, told["expected"], caption="What is expected of them")
-            for words in told["remarks"]:
+            plain_table(_EXPECTED, document["expected"], caption="What is expected of them")
+            for words in document["remarks"]:
                 text(f"Remark: {words}.").classes("lab-quiet")
             with ui.element("details"):
                 text("command and Python", tag="summary")

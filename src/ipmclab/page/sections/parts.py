@@ -47,7 +47,7 @@ def sentence(error: IpmclabError) -> str:
 
 def step_view() -> Callable[[Step], None]:
     """A place for a command and its Python; gives what fills it, until when it says so."""
-    empty = text("Stands here once something is chosen.").classes("lab-quiet")
+    empty = text("Shown here once something is chosen.").classes("lab-quiet")
     note = text("").classes("lab-quiet")
     note.set_visibility(False)
     with ui.element("div").classes("lab-steps"):
@@ -75,9 +75,9 @@ def _code(title: str) -> Callable[[str], None]:
         box.set_visibility(False)
         copy.on("click", js_handler=f"() => navigator.clipboard.writeText(getHtmlElement({content.id}).innerText)")
 
-    def fill(told: str) -> None:
-        box.set_visibility(bool(told))
-        content.set_text(told.rstrip())
+    def fill(message: str) -> None:
+        box.set_visibility(bool(message))
+        content.set_text(message.rstrip())
 
     return fill
 

@@ -13,11 +13,12 @@ from ipmclab.page.commands import validate_step
 from ipmclab.page.curves import compared_panels
 from ipmclab.page.elements.checks import Checks
 from ipmclab.page.elements.time_plot import TimePlot
+from ipmclab.page.fit_cards import FitCard
 from ipmclab.page.jobs.frames import Frame
 from ipmclab.page.jobs.jobs import JobCancelled
 from ipmclab.page.sections.kept import Kept, texts
 from ipmclab.page.sections.parts import card, finding_list, plain_table, step_view, text
-from ipmclab.page.workshop import FitCard, Workshop
+from ipmclab.page.workshop import Workshop
 
 MOST_MODELS: Final = 6
 """On one plot: so many can be distinguished."""
@@ -36,7 +37,7 @@ _SCORES: Final = {
 
 
 class PredictionView:
-    """Models held against runs that they may never have seen.
+    """Models compared with runs that they may not have been fitted to.
 
     Parameters
     ----------
@@ -70,7 +71,8 @@ class PredictionView:
         self._workshop.curves.forget(self._curves)
 
     def go_on(self, kept: Mapping[str, Any]) -> None:
-        """The models that this window had chosen, beside those that are chosen and that it was not offered then."""
+        """The models that this window had chosen, in addition to those that are chosen and that it was not offered
+        then."""
         said = texts(kept.get("models"), ("chosen", "offered"))
         if said is not None:
             new = [key for key in self._models.chosen if key not in said["offered"]]
@@ -124,7 +126,7 @@ class PredictionView:
                 step_view()(self._workshop.repeatable(validate_step(files, runs), chosen))
 
     def _show(self, frame: Frame, names: Sequence[str]) -> None:
-        told = frame.document
+        document = frame.document
         plot: TimePlot | None = None
 
         def draw(place: int) -> tuple[list[dict[str, Any]], str]:
@@ -138,19 +140,19 @@ class PredictionView:
         with self._box:
             seen = [
                 f"{name} was identified from {run}: that score shows the fit, not a prediction."
-                for name, used in zip(names, told["used"], strict=True)
-                for run, one in zip(told["runs"], used, strict=True)
+                for name, used in zip(names, document["used"], strict=True)
+                for run, one in zip(document["runs"], used, strict=True)
                 if one
             ]
             for words in seen:
                 text(words).classes("lab-bad")
-            rows = [{**row, "run": row["run"] if not row["pooled"] else "all runs"} for row in told["scores"]]
+            rows = [{**row, "run": row["run"] if not row["pooled"] else "all runs"} for row in document["scores"]]
             known = {key: heading for key, heading in _SCORES.items() if any(row.get(key) for row in rows)}
             plain_table(known, rows, caption="Scores")
-            if len(told["runs"]) > 1:
-                choice = ui.select(dict(enumerate(told["runs"])), value=0, label="Run")
+            if len(document["runs"]) > 1:
+                choice = ui.select(dict(enumerate(document["runs"])), value=0, label="Run")
                 choice.props("dense outlined options-dense")
                 choice.on_value_change(lambda: plot.show(*draw(choice.value)) if plot is not None else None)
             plot = TimePlot("Predicted runs", *draw(0), height=110)
-            if told["findings"]:
-                finding_list(told["findings"])
+            if document["findings"]:
+                finding_list(document["findings"])

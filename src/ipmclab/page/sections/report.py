@@ -16,7 +16,7 @@ from ipmclab.page.commands import Step, report_step
 from ipmclab.page.context import Context
 from ipmclab.page.elements.checks import Checks
 from ipmclab.page.jobs.jobs import JobCancelled
-from ipmclab.page.run_table import told_runs
+from ipmclab.page.run_table import runs_in_words
 from ipmclab.page.sections.parts import card, download, fail_at, step_view, text
 from ipmclab.page.workshop import Workshop
 
@@ -40,9 +40,9 @@ class _View:
                 self._fit = ui.select(fits, value=asked if asked in fits else None, label="Fit", on_change=self._choose)
                 self._fit.props("dense outlined options-dense")
                 self._runs = ui.element("div").classes("lab-quiet")
-                self._unseen = Checks("Runs to predict", {}, self._tell)
+                self._unseen = Checks("Runs to predict", {}, self._show)
                 self._unseen.set_visibility(False)
-                self._name = ui.input("File name", value="report", on_change=self._tell)
+                self._name = ui.input("File name", value="report", on_change=self._show)
                 self._name.props("dense outlined suffix=.html debounce=300")
                 self._over = ui.switch("replace a report of this name", value=False)
                 self._make = ui.button("Make the report", on_click=self._write).props("unelevated no-caps")
@@ -83,16 +83,16 @@ class _View:
                 f"it was made from {', '.join(missing)}, which this folder lacks; copy the run files into it, "
                 "and look again under Runs",
             )
-        known = told_runs(await asyncio.to_thread(self._workshop.rows))
-        self._tell_used(known)
+        known = runs_in_words(await asyncio.to_thread(self._workshop.rows))
+        self._show_used(known)
         others = {key: words or key for key, words in known.items() if key not in self._used}
         one = self._workshop.fit(self._fit.value)
         held = [key for key in one.asked.held if key in others] if one is not None else []
         self._unseen.offer(others, held, {key: key for key, words in others.items() if words != key})
         self._unseen.set_visibility(bool(others))
-        self._tell()
+        self._show()
 
-    def _tell_used(self, known: Mapping[str, str]) -> None:
+    def _show_used(self, known: Mapping[str, str]) -> None:
         self._runs.clear()
         if not self._used:
             return
@@ -105,11 +105,11 @@ class _View:
                         if known.get(key):
                             text(key, tag="small")
 
-    def _tell(self) -> None:
+    def _show(self) -> None:
         if self._fit.value:
-            self._step(self._told_step())
+            self._step(self._last_step())
 
-    def _told_step(self) -> Step:
+    def _last_step(self) -> Step:
         file = self._workshop.file_name(self._fit.value)
         stem = (self._name.value or "").strip().removesuffix(".html") or "report"
         step = report_step(file, self._used, self._unseen.chosen, f"{stem}.html")
@@ -141,7 +141,7 @@ class _View:
         arguments = {
             **found,
             "out": str(path),
-            "command": self._told_step().command,
+            "command": self._last_step().command,
             "overwrite": bool(self._over.value),
         }
         job = self._workshop.jobs.submit("report", arguments, title=path.name)

@@ -14,21 +14,8 @@ from nicegui.elements.mixins.validation_element import ValidationElement
 from ipmclab.errors import InputError, IpmclabError
 from ipmclab.page.context import Context
 from ipmclab.page.elements.time_plot import TimePlot
-from ipmclab.page.experiments import (
-    FIELDS,
-    GROUPS,
-    HARMLESS,
-    Checked,
-    Draft,
-    FormField,
-    Unsaved,
-    check,
-    experiments,
-    limit_at,
-    preview,
-    rigs,
-    save,
-)
+from ipmclab.page.experiment_form import FIELDS, GROUPS, Draft, FormField, Unsaved
+from ipmclab.page.experiments import HARMLESS, Checked, check, experiments, limit_at, preview, rigs, save
 from ipmclab.page.sections.parts import sentence
 
 _NEW: Final = ""
@@ -86,7 +73,7 @@ def build(context: Context) -> None:
 
 
 class _Form:
-    """The form of an experiment: every change is looked at, and the voltage drawn anew."""
+    """The form of an experiment: every change is looked at, and the voltage drawn again."""
 
     def __init__(self, context: Context) -> None:
         self._context = context
@@ -100,7 +87,7 @@ class _Form:
         self._curves: str | None = None
         self._left: str | None = None
         self._filling = False
-        self._is_tried = False  # nobody is told off for a field not reached yet
+        self._is_tried = False  # no message for a field not reached yet
 
     def build(self) -> None:
         """Put the form together."""
@@ -110,7 +97,7 @@ class _Form:
         self._choice = ui.select(options, label="Experiment", value=_NEW, on_change=self._choose)
         self._choice.props("dense outlined options-dense").classes("lab-wide")
         with ui.element("div").classes("lab-row lab-remark") as self._back:
-            self._told_back = ui.label().props("role=status")
+            self._reported_back = ui.label().props("role=status")
             ui.button("Drop it", on_click=self._drop).props("outline no-caps dense padding='2px 10px'")
         self._back.set_visibility(False)
         with ui.element("div").classes("lab-fields"):
@@ -175,7 +162,7 @@ class _Form:
         self._inputs[one.key] = made
 
     async def _begin(self) -> None:
-        """Go on with what this browser has kept, if anything, and if nothing was chosen or typed meanwhile."""
+        """Continue with what this browser has kept, if anything, and if nothing was chosen or typed meanwhile."""
         blank = self._draft
         try:
             kept = await ui.run_javascript("LabDraft.kept()", timeout=_ANSWER)
@@ -189,7 +176,9 @@ class _Form:
             self._unsaved = unsaved
             self._fill(unsaved.draft, unsaved.origin)
         if unsaved.draft != unsaved.base:
-            self._told_back.text = f"As you left it, not saved yet{f'; {unsaved.problem}' if unsaved.problem else '.'}"
+            self._reported_back.text = (
+                f"As you left it, not saved yet{f'; {unsaved.problem}' if unsaved.problem else '.'}"
+            )
             self._back.set_visibility(True)
         await self._look()
 
@@ -240,7 +229,7 @@ class _Form:
         await self._look()
 
     async def _propose_limit(self) -> None:
-        """Another bench: a limit of the current that nobody chose becomes one that this bench sees to be passed."""
+        """Another bench: a limit of the current that nobody chose becomes one whose passing this bench can read."""
         before = str(self._draft.values["rig"])
         proposed = await asyncio.to_thread(limit_at, self._lab, before)
         field = self._inputs["limits.current"]
@@ -274,7 +263,7 @@ class _Form:
             return  # something newer is being looked at
         self._checked = checked
         unnamed = {"sample"} if not self._is_tried and not draft.values["sample"] else set()
-        self._tell_errors({key: text for key, text in checked.errors.items() if key not in unnamed})
+        self._show_errors({key: text for key, text in checked.errors.items() if key not in unnamed})
         store = self._context.workshop.curves
         store.forget(self._left)  # not the ones of just now: the browser may be fetching them
         self._left, self._curves = self._curves, store.add(panels) if panels else None
@@ -283,7 +272,7 @@ class _Form:
         self._preview.update()
         self._summary.text = _summary(checked) if panels else "It is drawn once the fields that are marked are correct."
 
-    def _tell_errors(self, errors: Any) -> None:
+    def _show_errors(self, errors: Any) -> None:
         for key, made in self._inputs.items():
             if isinstance(made, ValidationElement):
                 made.error = errors.get(key)
@@ -318,7 +307,7 @@ class _Form:
         return True
 
     def _look_at_name(self) -> bool:
-        """Whether the file can be called that; what is wrong stands at its field."""
+        """Whether the file can be called that; what is wrong is at its field."""
         self._name.error = None
         if not self._draft.name:
             self._name.error = "give the experiment a file name, such as step-1V"
@@ -366,7 +355,7 @@ def _kept_as(key: str) -> str:
 
 
 def _is_repaired(draft: Draft, checked: Checked) -> bool:
-    """Whether what is drawn would be something else than what stands in the form."""
+    """Whether what is drawn would be something else than what is in the form."""
     assert checked.experiment is not None
     lines = [line for line in str(draft.values["signals"]).splitlines() if line.strip()]
     planned = [str(signal) for signal in checked.experiment.signals]
@@ -388,5 +377,5 @@ def _summary(checked: Checked) -> str:
     lasts = f"{minutes} min {seconds} s" if minutes else f"{seconds} s"
     rows = sum(run.rows for run in plan.runs)
     remarks = [remark[:1].upper() + remark[1:] for remark in plan.remarks]
-    told = [f"{len(runs)} run{'s' * (len(runs) != 1)}, at least {lasts}, {rows} rows on {plan.rig.name}", *remarks]
-    return ". ".join(told)
+    facts = [f"{len(runs)} run{'s' * (len(runs) != 1)}, at least {lasts}, {rows} rows on {plan.rig.name}", *remarks]
+    return ". ".join(facts)

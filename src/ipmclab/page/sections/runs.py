@@ -212,54 +212,54 @@ class _View:
             )
             _downloads(keys)
         if jobs is not None:
-            await self._tell_findings(asked, *jobs, plot, [panel.as_dict() for panel in panels])
+            await self._show_findings(asked, *jobs, plot, [panel.as_dict() for panel in panels])
             if asked == self._asked:
                 with self._chosen:
                     build_treatment(self._workshop, keys[0], runs[names[0]], self._copied)
 
-    async def _tell_findings(
+    async def _show_findings(
         self, asked: int, job: Job, about: Job, plot: TimePlot, panels: list[dict[str, Any]]
     ) -> None:
         """What the checks say of the one run that is shown: on the plot where it is, and in words."""
         with self._chosen, card("Findings") as box:
             text("the run is being checked").classes("lab-quiet")
         try:
-            told = (await asyncio.wrap_future(job.future)).document
+            document = (await asyncio.wrap_future(job.future)).document
         except JobCancelled:
             return
         except IpmclabError as error:
-            told = None
+            document = None
             if asked == self._asked:
                 with box:
                     text(str(error)).classes("lab-bad").props("role=alert")
-        if told is None or asked != self._asked:
+        if document is None or asked != self._asked:
             return
-        bands = finding_bands(told["findings"])
+        bands = finding_bands(document["findings"])
         plot.show(panels, self._curves, bands)
         box.clear()
         with box:
             text("Findings", tag="h2")
-            finding_list(told["findings"])
-        await self._tell_about(asked, about)
+            finding_list(document["findings"])
+        await self._show_about(asked, about)
 
-    async def _tell_about(self, asked: int, job: Job) -> None:
+    async def _show_about(self, asked: int, job: Job) -> None:
         """What the run says of itself, and its metrics."""
         try:
-            told = (await asyncio.wrap_future(job.future)).document
+            document = (await asyncio.wrap_future(job.future)).document
         except (JobCancelled, IpmclabError):
-            return  # what is wrong with the run stands under its findings
+            return  # what is wrong with the run is under its findings
         if asked != self._asked:
             return
         with self._chosen, ui.element("div").classes("lab-pair"):
             with card("About this run"):
                 plain_table(
                     {"name": "", "value": ""},
-                    [{"name": name, "value": value} for name, value in told["facts"]],
+                    [{"name": name, "value": value} for name, value in document["facts"]],
                     caption="About this run",
                 )
             with card("Metrics"):
                 headings = {"channel": "channel", "name": "metric", "value": "value", "unit": "unit"}
-                plain_table({**headings, "interval": "95 %"}, told["metrics"], caption="Metrics")
+                plain_table({**headings, "interval": "95 %"}, document["metrics"], caption="Metrics")
 
 
 def _downloads(keys: Sequence[str]) -> None:

@@ -14,7 +14,7 @@ from ipmclab.page.context import Context
 from ipmclab.page.elements.simulator import Simulator
 from ipmclab.page.jobs.tasks.simulate import stamp
 from ipmclab.page.replay import Replay
-from ipmclab.page.run_table import told_runs
+from ipmclab.page.run_table import runs_in_words
 from ipmclab.page.sections.kept import Kept
 from ipmclab.page.sections.parts import card, fail_at, step_view, text
 
@@ -49,7 +49,7 @@ class _View:
             self._name = ui.input("Save changed actuator as").props("dense").classes("lab-name")
             ui.button("Save", on_click=self._save).props("outline no-caps")
         self._missing = text("").classes("lab-bad").props("role=alert")
-        self._tell_missing(
+        self._show_missing(
             "This fit is no longer kept: load another actuator, or identify again." if key and not fit else ""
         )
         self._host = ui.element("div").classes("lab-full")
@@ -82,7 +82,7 @@ class _View:
         except IpmclabError as error:
             fail_at(self._actuator, error)
             return
-        self._tell_missing("")
+        self._show_missing("")
         fit = self._workshop.fit(name)
         if fit is not None:  # by its key, for in a later session another fit may have its name
             name, self._actuator.value = fit.key, fit.asked.name
@@ -91,13 +91,13 @@ class _View:
             runs = await self._find_run(runs)
         self._host.clear()
         with self._host:
-            view = Simulator(name, loaded, runs=runs, run=self._run, stamp=stamped, on_asked=self._tell)
+            view = Simulator(name, loaded, runs=runs, run=self._run, stamp=stamped, on_asked=self._answer)
         self._loaded = (name, loaded, view)
         await self._workshop.looked()
         if (now := await self._runs()) != runs:
             view.set_runs(now)
 
-    def _tell_missing(self, words: str) -> None:
+    def _show_missing(self, words: str) -> None:
         """What the address names and there is not."""
         self._missing.set_text(words)
         self._missing.set_visibility(bool(words))
@@ -107,7 +107,7 @@ class _View:
         try:
             self._run = self._workshop.lab.below(self._workshop.run_path(self._run or ""))
         except IpmclabError as error:
-            self._tell_missing(f"{error.message}: the voltage is that of a step instead.")
+            self._show_missing(f"{error.message}: the voltage is that of a step instead.")
             self._run = None
             return runs
         if self._run not in dict(runs):  # recorded or copied just now
@@ -116,10 +116,10 @@ class _View:
         return runs
 
     async def _runs(self) -> list[tuple[str, str]]:
-        known = told_runs(await asyncio.to_thread(self._workshop.rows))
+        known = runs_in_words(await asyncio.to_thread(self._workshop.rows))
         return [(key, f"{words} – {key}" if words else key) for key, words in known.items()]
 
-    async def _tell(self, question: dict[str, Any]) -> None:
+    async def _answer(self, question: dict[str, Any]) -> None:
         if self._loaded is None:
             return
         name, loaded, _ = self._loaded
@@ -128,7 +128,7 @@ class _View:
         try:
             over = await asyncio.to_thread(self._replay, question["run"]) if question["run"] else None
             if told != self._told:
-                return  # something newer is told
+                return  # something newer is shown
             step = simulate_step(
                 self._workshop.file_name(name),
                 question["changes"],

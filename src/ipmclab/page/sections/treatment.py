@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 _STEM = 70  # letters of a name, to which a word is added
 
 Written = Callable[[str], Awaitable[None]]
-"""Is told of a run that was written, by its path below the folder."""
+"""Called with a run that was written, by its path below the folder."""
 
 
 def build_treatment(workshop: Workshop, key: str, run: Run, written: Written) -> None:
@@ -51,7 +51,7 @@ class _Form:
         return ui.input(label, value=value).props("dense outlined")
 
     def _number(self, field: ui.input, quantity: Quantity) -> float | None:
-        """What stands in a field [SI]; None where it is wrong, which the field then says."""
+        """What is in a field [SI]; None where it is wrong, which the field then says."""
         fail_at(field, None)
         try:
             return parse_quantity(field.value or "", quantity, where="")
@@ -60,13 +60,13 @@ class _Form:
             return None
 
     async def _done(self, task: str, arguments: dict[str, Any], box: ui.element) -> dict[str, Any] | None:
-        """What a worker says of the run; None where it refuses, which stands in the box then."""
+        """What a worker says of the run; None where it refuses, which is in the box then."""
         box.clear()
         with box:
             text("the run is being read").classes("lab-quiet").props("role=status")
         job = self._workshop.jobs.submit(task, {"run": self._path, **arguments})
         try:
-            told: dict[str, Any] = (await asyncio.wrap_future(job.future)).document
+            result: dict[str, Any] = (await asyncio.wrap_future(job.future)).document
         except JobCancelled:
             return None
         except IpmclabError as error:
@@ -75,7 +75,7 @@ class _Form:
                 text(str(error)).classes("lab-bad").props("role=alert")
             return None
         box.clear()
-        return told
+        return result
 
 
 class _Baseline(_Form):
@@ -102,12 +102,12 @@ class _Baseline(_Form):
         if displacement is None or test is None:
             return
         asked = {"displacement": displacement, "test": test, "share": share}
-        told = await self._done("baseline", asked, self._result)
-        if told is None:
+        result = await self._done("baseline", asked, self._result)
+        if result is None:
             return
         with self._result:
-            words = text(told["words"][:1].upper() + told["words"][1:]).props("role=status")
-            if told["verdict"] == "no":
+            words = text(result["words"][:1].upper() + result["words"][1:]).props("role=status")
+            if result["verdict"] == "no":
                 words.classes("lab-bad")
             given = (str(one.value).strip() for one in (self._displacement, self._test, self._share))
             step_view()(baseline_step(self._key, *given))
@@ -142,12 +142,12 @@ class _Smooth(_Form):
             return
         if below is None:
             return
-        told = await self._done("smooth", {"below": below, "out": str(out)}, self._result)
-        if told is None:
+        result = await self._done("smooth", {"below": below, "out": str(out)}, self._result)
+        if result is None:
             return
         with self._result:
             headings = {"channel": "channel", "rms": "taken out (rms)", "frequency": "most of it at", "share": "share"}
-            plain_table(headings, told["taken_out"], caption="What was taken out")
+            plain_table(headings, result["taken_out"], caption="What was taken out")
             step_view()(smooth_step(self._key, below, lab.below(out)))
         ui.notify(f"wrote {lab.below(out)}", type="positive")
         await self._written(lab.below(out))

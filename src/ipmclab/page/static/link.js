@@ -49,7 +49,7 @@ const lab = (window.lab = {
     if (!banner || !banner.hidden) return;
     const since = new Date().toLocaleTimeString("en-GB");
     banner.querySelector("span").textContent =
-      `Connection lost at ${since}: what you see is old. A recording goes on and stays guarded; this page comes back by itself.`;
+      `Connection lost at ${since}: what you see is old. A recording continues and stays guarded; this page reconnects by itself.`;
     banner.hidden = false;
     document.documentElement.classList.add("lab-is-lost");
     if (this.pressed > this.heard) say("The connection was lost as you pressed that: it may not have been done.", false);

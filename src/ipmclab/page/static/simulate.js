@@ -476,7 +476,7 @@ const LabSimulate = (() => {
             : `answered in ${Math.round(performance.now() - since)} ms`;
         } catch (error) {
           this.isLost = true;
-          this.complain({ message: `the simulation cannot be reached: ${error.message}`, where: "", repair: "it goes on when the link is back" });
+          this.complain({ message: `the simulation cannot be reached: ${error.message}`, where: "", repair: "it continues when the connection is back" });
           this.took.textContent = OLD;
         }
       }

@@ -21,7 +21,7 @@ from ipmclab.units import CURRENT, VOLTAGE
 
 _HEIGHT: Final = 3.4
 _POINTS: Final = 5000
-"""Of one curve: what more there is would not be seen."""
+"""Of one curve: what more there is would not be visible."""
 
 
 def characteristic(runs: Sequence[Run] | Run, *, labels: Sequence[str] | None = None) -> Figure:

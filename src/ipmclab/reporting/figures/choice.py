@@ -28,15 +28,17 @@ def choice_figure(choice: Choice) -> Figure:
     Returns
     -------
     figure : Figure
-        A bar of 95 % for each model; hollow where the records cannot tell it from the best one.
+        A bar of 95 % for each model; hollow where the records cannot distinguish it from the best one.
     """
     ranked = choice.ranked
-    values, reaches, told = [0.0], [0.0], [False]
+    values, reaches, distinguished = [0.0], [0.0], [False]
     for one in ranked[1:]:
-        apart = choice.differences[one.name, choice.best]
-        values.append(apart.value)
-        reaches.append(min(apart.limit, 1e3) * apart.standard_error if math.isfinite(apart.standard_error) else 0.0)
-        told.append(apart.is_told)
+        difference = choice.differences[one.name, choice.best]
+        values.append(difference.value)
+        reaches.append(
+            min(difference.limit, 1e3) * difference.standard_error if math.isfinite(difference.standard_error) else 0.0
+        )
+        distinguished.append(difference.is_distinguished)
     places = np.arange(len(ranked))
     with style():
         figure, grid = panel_grid([0.32 * len(ranked) + 0.15], 1, margins=Margins(left=2.3, top=0.32))
@@ -47,7 +49,7 @@ def choice_figure(choice: Choice) -> Figure:
         if wide:
             panel.set_xscale("symlog", linthresh=1.5 * min(far_away), linscale=1.0)
         panel.axvline(0.0, color=COLOURS["muted"], linewidth=0.8)
-        for place, value, reach, far, one in zip(places, values, reaches, told, ranked, strict=True):
+        for place, value, reach, far, one in zip(places, values, reaches, distinguished, ranked, strict=True):
             colour = COLOURS["vermillion" if far else "blue"]
             if reach:
                 panel.plot([value - reach, value + reach], [place, place], color=colour, linewidth=1.6)

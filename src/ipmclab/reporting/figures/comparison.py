@@ -98,10 +98,10 @@ def _held(rows: list[RunRow], factor: Factor) -> tuple[list[RunRow], str]:
         return rows, ""
     best = max(groups, key=lambda one: (len({along[place] for place in groups[one]}), len(groups[one])))
     varied = [len(set(column)) > 1 for column in columns]
-    told = zip(others, best, varied, strict=True)
+    labels = zip(others, best, varied, strict=True)
     held = ", ".join(
         f"{other.label} {with_unit(value, other.quantity, trim=True)}"
-        for other, value, is_varied in told
+        for other, value, is_varied in labels
         if is_varied and value is not None
     )
     return [rows[place] for place in groups[best]], held
@@ -153,17 +153,17 @@ def _draw_factor(
             if place >= len(keys):
                 panel.set_visible(False)
                 continue
-            told = [row for row in rows if keys[place] in row.metrics]
-            quantity = quantity_of(told[0].metrics[keys[place]].unit)
-            level = levels_of(factor, [row.values[factor.name] for row in told])
+            shown_rows = [row for row in rows if keys[place] in row.metrics]
+            quantity = quantity_of(shown_rows[0].metrics[keys[place]].unit)
+            level = levels_of(factor, [row.values[factor.name] for row in shown_rows])
             curves: dict[str, Curve] = {sample: ([], []) for sample in samples}
-            for row, at in zip(told, level, strict=True):
+            for row, at in zip(shown_rows, level, strict=True):
                 curves[row.sample][0].append(factor.quantity.to_display(at))
                 curves[row.sample][1].append(quantity.to_display(_shown(row, keys[place])))
             if other is not None:
-                _join_groups(panel, _groups(other, told), curves, further)
+                _join_groups(panel, _groups(other, shown_rows), curves, further)
             for look, own in alike(curves, order):
-                _draw_strips_over(panel, own, look, points=len(told) <= _MOST_POINTS)
+                _draw_strips_over(panel, own, look, points=len(shown_rows) <= _MOST_POINTS)
             panel.set_title(
                 f"{metric_label(keys[place])}{_in_unit(quantity.display_unit)}", fontsize=7.4, fontweight="normal"
             )
@@ -319,17 +319,17 @@ def _bound(panel: Axes, values: Sequence[float], ends: Sequence[float]) -> None:
 
 
 def strips_figures(comparison: Comparison) -> list[ComparedFigure]:
-    """Each strip's runs beside each other, with the interval of the next strip."""
+    """Each strip's runs side by side, with the interval of the next strip."""
     found = []
     for model in comparison.models:
-        apart = comparison.strips_apart.get(f"{model.waveform}: {model.label}")
-        if apart is None:
+        deviating = comparison.strip_deviations.get(f"{model.waveform}: {model.label}")
+        if deviating is None:
             continue
-        unlike = {one.sample for one in apart if one.is_unlike}
+        unlike = {one.sample for one in deviating if one.is_unlike}
         condition = _usual(model)
-        told = model.next_strip(condition)
+        next_one = model.next_strip(condition)
         rows = [row for row in model.rows if _is_under(row, condition, model.factors)]
-        if told is None or len({row.sample for row in rows}) < 3:
+        if next_one is None or len({row.sample for row in rows}) < 3:
             continue
         shown = ", ".join(with_unit(condition[factor.name], factor.quantity, trim=True) for factor in model.factors)
         key = model.key
@@ -339,11 +339,11 @@ def strips_figures(comparison: Comparison) -> list[ComparedFigure]:
                 title=f"Strip by strip: {model.label}, {model.waveform}",
                 caption=f"Runs at {shown or 'one condition'}. Shaded: what a strip that was not measured will read, "
                 "once, in 95 of 100 cases.",
-                draw=lambda model=model, rows=rows, told=told, unlike=unlike: _draw_strips(  # type: ignore[misc]
-                    model, rows, told[1], unlike
+                draw=lambda model=model, rows=rows, next_one=next_one, unlike=unlike: _draw_strips(  # type: ignore[misc]
+                    model, rows, next_one[1], unlike
                 ),
                 columns=("sample", "mounting", "run", f"{key} [{model.metric.unit}]", "next_low", "next_high"),
-                data=tuple((row.sample, row.mounting, row.run, _shown(row, key), *told[1]) for row in rows),
+                data=tuple((row.sample, row.mounting, row.run, _shown(row, key), *next_one[1]) for row in rows),
             )
         )
     return found
@@ -365,7 +365,9 @@ def _is_under(row: RunRow, condition: Mapping[str, float], factors: Sequence[Fac
     )
 
 
-def _draw_strips(model: MetricModel, rows: Sequence[RunRow], interval: tuple[float, float], apart: set[str]) -> Figure:
+def _draw_strips(
+    model: MetricModel, rows: Sequence[RunRow], interval: tuple[float, float], deviating: set[str]
+) -> Figure:
     samples = list(dict.fromkeys(row.sample for row in rows))
     quantity = quantity_of(model.metric.unit)
     with style():
@@ -374,9 +376,9 @@ def _draw_strips(model: MetricModel, rows: Sequence[RunRow], interval: tuple[flo
         panel.axvspan(*(quantity.to_display(end) for end in interval), color=COLOURS["sky"], alpha=0.3, linewidth=0)
         for place, sample in enumerate(samples):
             values = [quantity.to_display(_shown(row, model.key)) for row in rows if row.sample == sample]
-            colour = COLOURS["vermillion" if sample in apart else SERIES[0]]
+            colour = COLOURS["vermillion" if sample in deviating else SERIES[0]]
             panel.plot(values, [place] * len(values), "o", markersize=3.4, alpha=0.7, markeredgewidth=0, color=colour)
-        names = [label_text(sample, longest=26) + (" (unlike)" if sample in apart else "") for sample in samples]
+        names = [label_text(sample, longest=26) + (" (unlike)" if sample in deviating else "") for sample in samples]
         panel.set_yticks(range(len(samples)), names)
         panel.set_ylim(len(samples) - 0.4, -0.6)
         panel.grid(visible=True, axis="x")

@@ -35,8 +35,8 @@ def diagnoses_figure(diagnoses: Sequence[OutputDiagnosis]) -> Figure:
             left.plot(one.lags, one.autocorrelation, color=COLOURS["measured"], linewidth=1.4)
             _draw(left, one, one.whitened, "blue")
             _draw(right, one, one.with_voltage, "vermillion")
-            for panel, seen in ((left, (*one.autocorrelation, *one.whitened)), (right, one.with_voltage)):
-                limit = 1.12 * max(2.0 * one.band, *map(abs, seen))
+            for panel, correlations in ((left, (*one.autocorrelation, *one.whitened)), (right, one.with_voltage)):
+                limit = 1.12 * max(2.0 * one.band, *map(abs, correlations))
                 panel.set_ylim(-limit, limit)
                 panel.yaxis.set_major_locator(MaxNLocator(nbins=4, steps=[1, 2, 5, 10]))
             where = f"{label_text(one.label, longest=26)}, {CHANNELS[one.output].name}"

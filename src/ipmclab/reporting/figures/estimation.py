@@ -1,4 +1,4 @@
-"""An estimation before and after: the same runs beside a model with starting values and with those that were found."""
+"""An estimation before and after: the same runs with a model with starting values and with those that were found."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _COLOURS: Final = ("vermillion", "blue")
 
 
 def before_and_after(runs: Sequence[Run] | Run, before: Actuator | None, after: Actuator) -> Figure:
-    """Draw what was measured beside a model before its estimation, at the left, and after it, at the right.
+    """Draw what was measured with a model before its estimation, at the left, and after it, at the right.
 
     Parameters
     ----------
@@ -64,9 +64,11 @@ def before_and_after(runs: Sequence[Run] | Run, before: Actuator | None, after: 
     drawn = [runs] if isinstance(runs, Run) else list(runs)
     models = {"after": after} if before is None else {"before": before, "after": after}
     each = list(zip(*(validate(model, drawn).runs for model in models.values()), strict=True)) if drawn else []
-    told = [drawn_outputs([after], beside[-1].comparisons) for beside in each]
-    rows = [(beside, output) for beside, (outputs, _) in zip(each, told, strict=True) for output in outputs]
-    left_out = " ".join(dict.fromkeys(sentence for _, sentence in told if sentence))
+    outputs_drawn = [drawn_outputs([after], compared[-1].comparisons) for compared in each]
+    rows = [
+        (compared, output) for compared, (outputs, _) in zip(each, outputs_drawn, strict=True) for output in outputs
+    ]
+    left_out = " ".join(dict.fromkeys(sentence for _, sentence in outputs_drawn if sentence))
     if not rows:
         raise InputError(
             "no run has a current, a displacement or a force to hold a model against",
@@ -83,8 +85,8 @@ def before_and_after(runs: Sequence[Run] | Run, before: Actuator | None, after: 
             sharex="row",
             sharey="row",
         )
-        for (beside, output), panels in zip(rows, grid, strict=True):
-            _row(beside, output, panels)
+        for (compared, output), panels in zip(rows, grid, strict=True):
+            _row(compared, output, panels)
         for panel, (word, model) in zip(grid[0], models.items(), strict=True):
             panel.set_title(f"{word}: {label_text(model.name)}", loc="center", pad=14.0)
         for panel in grid[-1]:
@@ -101,9 +103,9 @@ def before_and_after(runs: Sequence[Run] | Run, before: Actuator | None, after: 
     return figure
 
 
-def _row(beside: Sequence[RunValidation], output: str, panels: Sequence[Axes]) -> None:
+def _row(compared: Sequence[RunValidation], output: str, panels: Sequence[Axes]) -> None:
     quantity = CHANNELS[output]
-    for one, panel, colour in zip(beside, panels, _COLOURS[-len(beside) :], strict=True):
+    for one, panel, colour in zip(compared, panels, _COLOURS[-len(compared) :], strict=True):
         comparison = one.comparisons[output]
         counted = comparison.used if comparison.used.any() else np.ones_like(comparison.used)
         curve(panel, output, comparison.time, np.where(counted, comparison.measured, np.nan), **MEASURED)
@@ -112,6 +114,6 @@ def _row(beside: Sequence[RunValidation], output: str, panels: Sequence[Axes]) -
         panel.margins(x=0.02, y=0.14)
         error = with_unit(score(output, [comparison]).rmse, quantity, 2)
         panel.text(1, 1.03, f"RMSE {error}", transform=panel.transAxes, ha="right", fontsize=7.5)
-    panels[0].text(0, 1.03, label_text(beside[0].label), transform=panels[0].transAxes, fontsize=7.5)
+    panels[0].text(0, 1.03, label_text(compared[0].label), transform=panels[0].transAxes, fontsize=7.5)
     panels[0].set_ylabel(f"{quantity.name} ({spelled_unit(quantity.display_unit)})")
     panels[0].yaxis.set_label_coords(-0.48 / (panels[0].get_position().width * PAGE_WIDTH), 0.5)

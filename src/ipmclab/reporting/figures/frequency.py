@@ -22,7 +22,7 @@ def frequency_figure(
     frequency: npt.NDArray[np.float64],
     models: Mapping[str, Mapping[str, npt.NDArray[np.complex128]]],
     *,
-    seen: tuple[float, float] | None = None,
+    covered: tuple[float, float] | None = None,
 ) -> Figure:
     """Draw gain and phase of each output over frequency.
 
@@ -30,7 +30,7 @@ def frequency_figure(
     ----------
     frequency : float array, shape (n_frequency,) [Hz]
     models : mapping of model name to (mapping of output to complex array) [SI unit per V]
-    seen : tuple of float [Hz], optional
+    covered : tuple of float [Hz], optional
         Lowest and highest frequency that the runs of the fit could show; the rest is shaded.
 
     Returns
@@ -60,12 +60,12 @@ def frequency_figure(
                 panel.xaxis.set_minor_formatter(NullFormatter())
                 panel.xaxis.set_major_locator(LogLocator(numticks=7))
                 panel.xaxis.set_major_formatter(FuncFormatter(_bare))
-                if seen is not None:
-                    handles["not seen by the runs of the fit"] = panel.axvspan(
-                        frequency[0], max(seen[0], frequency[0]), color=COLOURS["rule"], alpha=0.45, linewidth=0
+                if covered is not None:
+                    handles["not covered by the runs of the fit"] = panel.axvspan(
+                        frequency[0], max(covered[0], frequency[0]), color=COLOURS["rule"], alpha=0.45, linewidth=0
                     )
                     panel.axvspan(
-                        min(seen[1], frequency[-1]), frequency[-1], color=COLOURS["rule"], alpha=0.45, linewidth=0
+                        min(covered[1], frequency[-1]), frequency[-1], color=COLOURS["rule"], alpha=0.45, linewidth=0
                     )
             gain.yaxis.set_major_formatter(FuncFormatter(_bare))
             gain.yaxis.set_minor_formatter(NullFormatter())

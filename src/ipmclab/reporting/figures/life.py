@@ -212,7 +212,7 @@ def _draw_number(
     quantity: Quantity,
     of: Callable[[CatalogueRow], float | None],
 ) -> None:
-    """Points at the runs that tell a number, joined within a mounting."""
+    """Points at the runs that give a number, joined within a mounting."""
     for _, rows in itertools.groupby(life.runs, key=lambda row: row.mounting):
         known = [(place(row.recorded or 0.0), value) for row in rows if (value := of(row)) is not None]
         if known:

@@ -82,8 +82,8 @@ def fit_of_each(fit: Fit, name: str) -> tuple[list[float], list[float]]:
     found = [(one.value, one.standard_error if one.determined else math.inf) for one in own]
     if not own:
         found = [(one.values[name], one.errors[name]) for one in fit.mountings.each if name in one.values]
-    seen = [(value, error) for value, error in found if math.isfinite(error)]
-    return [value for value, _ in seen], [error for _, error in seen]
+    finite = [(value, error) for value, error in found if math.isfinite(error)]
+    return [value for value, _ in finite], [error for _, error in finite]
 
 
 def next_interval(fit: Fit, name: str) -> tuple[float, float] | None:

@@ -34,7 +34,7 @@ def pairs_figure(posterior: Posterior, fit: Fit | None = None) -> Figure:
     ----------
     posterior : Posterior
     fit : Fit, optional
-        Whose values and intervals are to stand beside the samples.
+        Whose values and intervals are to be shown with the samples.
 
     Returns
     -------

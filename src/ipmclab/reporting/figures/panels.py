@@ -130,7 +130,8 @@ def shade(
 
 
 def blocks(time: FloatArray, rows: Sequence[tuple[int, int]]) -> list[list[float]]:
-    """From when to when ranges of rows are shaded: none too short to be seen, none nearer to the next than a pixel."""
+    """From when to when ranges of rows are shaded: none too short to be visible, none nearer to the next than a
+    pixel."""
     least = 0.002 * (time[-1] - time[0])
     joined: list[list[float]] = []
     for start, stop in sorted(rows):

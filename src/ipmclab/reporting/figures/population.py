@@ -22,9 +22,9 @@ MOST_CONDITIONS: Final = 12
 Interval = tuple[float, float]
 
 
-def condition_text(one: Population, told: OfCondition) -> str:
+def condition_text(one: Population, condition: OfCondition) -> str:
     """A condition as people read it."""
-    shown = (with_unit(told.condition[each.name], each.quantity, trim=True) for each in one.model.factors)
+    shown = (with_unit(condition.condition[each.name], each.quantity, trim=True) for each in one.model.factors)
     return ", ".join(shown) or "as measured"
 
 
@@ -33,20 +33,20 @@ def population_figures(populations: Mapping[str, Population]) -> list[ComparedFi
     return [_figure(one, one.conditions()) for one in populations.values()]
 
 
-def _figure(one: Population, told: Sequence[OfCondition]) -> ComparedFigure:
+def _figure(one: Population, conditions: Sequence[OfCondition]) -> ComparedFigure:
     model = one.model
     factors = (f"{each.name} [{each.quantity.unit}]" for each in model.factors)
     ends = ("mean", "mean_low", "mean_high", "next", "next_low", "next_high", "mixed", "mixed_low", "mixed_high")
     rows = (
         (*(each.condition[factor.name] for factor in model.factors), *_cells(each.mean, each.next_strip), *_mixed(each))
-        for each in told
+        for each in conditions
     )
     return ComparedFigure(
         name=f"posterior-{model.waveform}-{model.key}".replace(".", "-").replace("_", "-").replace(" ", "-"),
         title=f"The next strip by its posterior: {model.label}, {model.waveform}",
         caption="Thin: what a strip of this make that was not measured will read, once, in 95 of 100 cases. Thick: the "
         "mean of such strips, with 95 %. Grey: the next strip by the mixed model.",
-        draw=lambda: _draw(one, told[:MOST_CONDITIONS]),
+        draw=lambda: _draw(one, conditions[:MOST_CONDITIONS]),
         columns=(*factors, *(f"{end} [{model.metric.unit}]" if model.metric.unit else end for end in ends)),
         data=tuple(rows),
     )
@@ -56,27 +56,29 @@ def _cells(*known: Known) -> list[float]:
     return [cell for value, interval in known for cell in (value, *interval)]
 
 
-def _mixed(told: OfCondition) -> Sequence[float | str]:
-    return ("", "", "") if told.by_mixed_model is None else _cells(told.by_mixed_model)
+def _mixed(condition: OfCondition) -> Sequence[float | str]:
+    return ("", "", "") if condition.by_mixed_model is None else _cells(condition.by_mixed_model)
 
 
-def _draw(one: Population, told: Sequence[OfCondition]) -> Figure:
+def _draw(one: Population, conditions: Sequence[OfCondition]) -> Figure:
     quantity = quantity_of(one.model.metric.unit)
 
     def shown(interval: Interval) -> list[float]:
         return [quantity.to_display(end) for end in interval]
 
     with style():
-        figure, grid = panel_grid([max(0.28 * len(told), 0.6)], 1, margins=Margins(left=2.2, top=0.15))
+        figure, grid = panel_grid([max(0.28 * len(conditions), 0.6)], 1, margins=Margins(left=2.2, top=0.15))
         panel = grid[0, 0]
-        for place, each in enumerate(told):
+        for place, each in enumerate(conditions):
             if each.by_mixed_model is not None:
                 panel.plot(shown(each.by_mixed_model[1]), [place + 0.22] * 2, color=COLOURS["muted"], linewidth=1.0)
             panel.plot(shown(each.next_strip[1]), [place] * 2, color=COLOURS["blue"], linewidth=1.0)
             panel.plot(shown(each.mean[1]), [place] * 2, color=COLOURS["blue"], linewidth=3.2)
             panel.plot(shown((each.next_strip[0],) * 2), [place] * 2, "o", markersize=3.6, color=COLOURS["blue"])
-        panel.set_yticks(range(len(told)), [label_text(condition_text(one, each), longest=40) for each in told])
-        panel.set_ylim(len(told) - 0.4, -0.6)
+        panel.set_yticks(
+            range(len(conditions)), [label_text(condition_text(one, each), longest=40) for each in conditions]
+        )
+        panel.set_ylim(len(conditions) - 0.4, -0.6)
         panel.grid(visible=True, axis="x")
         panel.grid(visible=False, axis="y")
         panel.tick_params(axis="y", length=0)

@@ -39,7 +39,7 @@ def prediction_figure(run: Run, models: Mapping[str, Mapping[str, Comparison]]) 
         Gives time, voltage and hold.
     models : mapping of model name to (mapping of output to Comparison)
         One or several models over the same outputs; rows that do not count are shaded and do not set the scale, and
-        an output of which none count is not drawn beside others.
+        an output of which none count is not drawn with others.
 
     Returns
     -------

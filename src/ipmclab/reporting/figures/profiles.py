@@ -97,9 +97,9 @@ _PARABOLA: Final[dict[str, Any]] = {"color": COLOURS["muted"], "linewidth": 0.9,
 
 
 def _ends(values: FloatArray, excess: FloatArray, threshold: float) -> tuple[float, float]:
-    """Of the axis: to the last point that can be seen, and what stands beside it."""
-    seen = np.flatnonzero(excess <= _HIGHEST * threshold)
-    first, last = max(int(seen[0]) - 1, 0), min(int(seen[-1]) + 1, len(values) - 1)
+    """Of the axis: to the last point that is visible, and what is next to it."""
+    visible = np.flatnonzero(excess <= _HIGHEST * threshold)
+    first, last = max(int(visible[0]) - 1, 0), min(int(visible[-1]) + 1, len(values) - 1)
     low, high = float(values[first]), float(values[last])
     if low > 0.0 and high / low > _WIDE:
         edge = (high / low) ** _MARGIN

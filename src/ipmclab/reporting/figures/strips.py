@@ -40,7 +40,7 @@ def strips_in_order(every: Sequence[str], shown: Sequence[str]) -> tuple[str, ..
 
 
 def alike(curves: Mapping[str, Curve], order: Sequence[str]) -> list[tuple[Look, list[Curve]]]:
-    """The curves of strips by their look: one each, or of many strips one for all, which no colour could tell apart.
+    """The curves of strips by their look: one each, or of many strips one for all, which no colour could distinguish.
 
     Examples
     --------

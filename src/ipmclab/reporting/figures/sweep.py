@@ -1,4 +1,4 @@
-"""A sweep: which parameter each metric hangs on, and how."""
+"""A sweep: which parameter each metric depends on, and how."""
 
 from __future__ import annotations
 
@@ -118,10 +118,10 @@ def _weight(bars: _Bars, points: dict[str, FloatArray], metric: str, name: str) 
     """How much a parameter matters to a metric, for the choice of panels."""
     if bars:
         return float(np.nan_to_num(max(value for value, _ in bars[metric][name].values())))
-    seen = np.isfinite(points[metric])
-    if len(np.unique(points[metric][seen])) < 2 or len(np.unique(points[name][seen])) < 2:
+    finite = np.isfinite(points[metric])
+    if len(np.unique(points[metric][finite])) < 2 or len(np.unique(points[name][finite])) < 2:
         return 0.0
-    ranks = [np.argsort(np.argsort(points[column][seen])) for column in (name, metric)]
+    ranks = [np.argsort(np.argsort(points[column][finite])) for column in (name, metric)]
     return abs(float(np.asarray(np.corrcoef(ranks))[0, 1]))
 
 
@@ -166,8 +166,8 @@ def _draw_bars(panel: Any, names: tuple[str, ...], bars: dict[str, dict[str, _Ba
 
 
 def _draw_against(panel: Any, across: FloatArray, up: FloatArray, *, log: bool) -> None:
-    seen = np.isfinite(up)
-    across, up = across[seen], up[seen]
+    finite = np.isfinite(up)
+    across, up = across[finite], up[finite]
     panel.plot(across, up, ".", color=COLOURS["sky"], markersize=1.6, alpha=0.6, rasterized=True)
     if log:
         panel.set_xscale("log")

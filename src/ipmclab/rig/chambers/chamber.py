@@ -82,7 +82,7 @@ class Ranges:
 
 @dataclass(frozen=True)
 class Conditions:
-    """What a chamber tells of itself.
+    """What a chamber reports of itself.
 
     Parameters
     ----------
@@ -176,7 +176,7 @@ class Chamber(Protocol):
 
     def safe(self) -> None:
         """Regulate nothing (standby). Works at any time, also after errors and more than once. Raises ChamberError
-        only where the chamber could not be told."""
+        only where the chamber could not be reached."""
 
     def close(self) -> None:
         """Let go of the line to it, and leave it as it is. May be called twice."""

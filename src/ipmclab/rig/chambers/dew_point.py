@@ -20,7 +20,7 @@ from ipmclab.rig.chambers.readings import SAME_TEMPERATURE, number, temperature
 
 _DOES: Final[dict[str, Mode]] = {"0": "standby", "1": "constant", "-1": "program"}  # idle, generating, purging
 _DEW_POINT: Final = 1
-"""Of what it can regulate, and where in its list of set points that stands."""
+"""Of what it can regulate, and where in its list of set points that is."""
 
 _FAULTS: Final = {
     1: "expansion valve not closing",
@@ -100,10 +100,10 @@ class DewPointGenerator(Driver):
 
         return self._dialogue.ask("?RU", understand, deadline)
 
-    def _tell_temperature(self, temperature: float, deadline: Deadline) -> None:
+    def _send_temperature(self, temperature: float, deadline: Deadline) -> None:
         """Nothing: the cell has a loop of its own."""
 
-    def _tell_humidity(self, relative_humidity: float | None, deadline: Deadline) -> None:
+    def _send_humidity(self, relative_humidity: float | None, deadline: Deadline) -> None:
         assert relative_humidity is not None
         self._command(f"DP={self.dew_point(relative_humidity):.2f}", deadline)
 

@@ -25,8 +25,8 @@ class Dialogue:
     """Asks until an answer is understood.
 
     The answers of a text line carry no number. One that comes too late could be taken for that to the next question.
-    Once an answer was missed, the line is therefore opened anew and a question is asked whose answer is like no
-    other; only when that has come does the dialogue go on.
+    Once an answer was missed, the line is therefore opened again and a question is asked whose answer is like no
+    other; only when that has come does the dialogue continue.
 
     Parameters
     ----------
@@ -114,7 +114,7 @@ class Dialogue:
             raise garbled(self.where, answer) from error
 
     def _find_place(self, deadline: Deadline) -> None:
-        """Go on only where the next answer is that to the next question."""
+        """Continue only where the next answer is that to the next question."""
         self.line.drop()
         # Where no answer is like no other, one that is late has to be waited for.
         quiet = min(LONGEST_QUIET if self._landmark is None else _QUIET, self._patience)
@@ -124,6 +124,6 @@ class Dialogue:
             deadline = deadline.within(self._patience)
             self.line.tell(question, deadline)
             while not is_answer(answer := self.line.hear(deadline)):
-                if deadline.is_over:  # a line that goes on and on never lacks a next answer
+                if deadline.is_over:  # a line without an end never lacks a next answer
                     raise garbled(self.where, answer)
         self._lost = False

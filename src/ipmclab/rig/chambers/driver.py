@@ -36,11 +36,11 @@ HUMIDITY_STEP: Final = 0.6
 """A set point counts as taken within so much [K, percent]: controllers round to 0.1 K, some to 1 %RH."""
 
 _SETTLE: Final = 0.1
-"""How often [s] a chamber is asked whether it does already what it was told."""
+"""How often [s] a chamber is asked whether it does already what it was commanded."""
 
 _REGULATES_NOTHING: Final[tuple[Mode, ...]] = ("standby", "off")
 
-_BY_HAND: Final = "switch the chamber off at its panel: it may go on regulating"
+_BY_HAND: Final = "switch the chamber off at its panel: it may continue to regulate"
 
 
 @dataclass(frozen=True)
@@ -94,7 +94,7 @@ class Driver(ABC):
     def set(self, temperature: float, relative_humidity: float | None) -> None:
         """Regulate towards these from now on: see ``Chamber.set``.
 
-        The chamber is asked back what it was told. Where anything fails, it is brought to standby.
+        The chamber is asked back what it was commanded. Where anything fails, it is brought to standby.
         """
         self._ranges.check(temperature, relative_humidity)
         with self._turn(SET_TIME) as deadline:
@@ -127,7 +127,7 @@ class Driver(ABC):
         self._cut_short()
         if self._stops is not None:
             self._stops.cut()
-        with self._turn(self._safe_time, known=False, saves=True) as deadline:  # whoever it is, it can be told to stop
+        with self._turn(self._safe_time, known=False, saves=True) as deadline:  # whoever it is, it can be made to stop
             try:
                 self._stop(deadline)
             except ChamberError as error:
@@ -153,8 +153,8 @@ class Driver(ABC):
     def _regulate(self, asked: Asked, deadline: Deadline) -> None:
         """Set points, then the start, then what it states of both; standby where anything fails."""
         try:
-            self._tell_temperature(asked.temperature, deadline)
-            self._tell_humidity(asked.relative_humidity, deadline)
+            self._send_temperature(asked.temperature, deadline)
+            self._send_humidity(asked.relative_humidity, deadline)
             self._start(deadline)
             self._wait_for(("constant",), deadline)
             stated = self._state(deadline)
@@ -167,13 +167,13 @@ class Driver(ABC):
                 )
         except BaseException as error:
             self._asked = None
-            told = self._try_to_stop()
+            failure = self._try_to_stop()
             if isinstance(error, ChamberError):
                 raise ChamberError(
-                    f"{error.message}; {told}",
+                    f"{error.message}; {failure}",
                     code=error.code,
                     where=error.where,
-                    repair=error.repair if told == _STOPPED else _BY_HAND,
+                    repair=error.repair if failure == _STOPPED else _BY_HAND,
                 ) from error
             raise
         self._asked, self._is_still = asked, False
@@ -198,7 +198,7 @@ class Driver(ABC):
 
     @property
     def _safe_time(self) -> float:
-        """How long standby is tried for [s]: whoever could not be told just now is not waited for as long again."""
+        """How long standby is tried for [s]: whoever could not be reached just now is not waited for as long again."""
         return AGAIN_TIME if time.monotonic() - self._unsafe_at < AGAIN else SAFE_TIME
 
     def _stop(self, deadline: Deadline) -> None:
@@ -211,11 +211,11 @@ class Driver(ABC):
         self._unsafe_at = -math.inf
 
     def _wait_for(self, modes: tuple[Mode, ...], deadline: Deadline) -> None:
-        """Wait until it does what it was told. Raises ChamberError."""
+        """Wait until it does what it was commanded. Raises ChamberError."""
         while (mode := self._does(deadline)) not in (*modes, "unknown"):
             if deadline.left < 2.0 * _SETTLE:
                 raise ChamberError(
-                    f"{modes[0]} was asked for, and it goes on with {mode}",
+                    f"{modes[0]} was requested, and the chamber continues with {mode}",
                     code="chamber-refused",
                     where=self.where,
                     repair="look at its panel: it may be locked, or stopped by an alarm",
@@ -277,11 +277,11 @@ class Driver(ABC):
         """Everything that it states; set points only where it regulates. Raises ChamberError."""
 
     @abstractmethod
-    def _tell_temperature(self, temperature: float, deadline: Deadline) -> None:
+    def _send_temperature(self, temperature: float, deadline: Deadline) -> None:
         """Give it a set point [degC]. Raises ChamberError."""
 
     @abstractmethod
-    def _tell_humidity(self, relative_humidity: float | None, deadline: Deadline) -> None:
+    def _send_humidity(self, relative_humidity: float | None, deadline: Deadline) -> None:
         """Give it a set point [percent], or none. Raises ChamberError."""
 
     @abstractmethod

@@ -123,6 +123,6 @@ def _table(settings: ChamberSettings) -> Path:
             f"the driver {settings.driver} needs a table",
             code="missing-key",
             where="chamber.table",
-            repair='write table = "chamber.toml", beside the rig file',
+            repair='write table = "chamber.toml", a file in the folder of the rig file',
         )
     return Path(settings.table)

@@ -64,10 +64,10 @@ class Espec(Driver):
                 repair="set it to degC at its panel",
             )
 
-    def _tell_temperature(self, temperature: float, deadline: Deadline) -> None:
+    def _send_temperature(self, temperature: float, deadline: Deadline) -> None:
         self._command(f"TEMP,S{temperature:.1f}", deadline)
 
-    def _tell_humidity(self, relative_humidity: float | None, deadline: Deadline) -> None:
+    def _send_humidity(self, relative_humidity: float | None, deadline: Deadline) -> None:
         if relative_humidity is not None:
             self._command(f"HUMI,S{relative_humidity:.{self.humidity_digits}f}", deadline)
         elif self._ranges.relative_humidity is not None:
@@ -83,7 +83,7 @@ class Espec(Driver):
         self._dialogue.close()
 
     def _command(self, words: str, deadline: Deadline) -> None:
-        """Tell it something, and see that it understood just that. Raises ChamberError."""
+        """Send it something, and see that it understood just that. Raises ChamberError."""
         bare = words.replace(" ", "")
 
         def is_done(answer: str) -> None:

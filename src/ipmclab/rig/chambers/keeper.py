@@ -18,7 +18,7 @@ _END: Final = 5.0  # s for a keeper that has nothing to do to end
 
 
 class Keeper:
-    """A process of its own that waits at the end of a pipe: when it breaks, the chamber is told to stand by.
+    """A process of its own that waits at the end of a pipe: when it breaks, the chamber is set to standby.
 
     It is not the guardian of the output: that must act within half a second, and a chamber takes up to half a minute.
 
@@ -41,7 +41,7 @@ class Keeper:
         return self._process.pid
 
     def hold(self, regulates: bool) -> None:
-        """Say that the chamber regulates for this program, or that it stands by again.
+        """Say that the chamber regulates for this program, or that it is in standby again.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""The keeper's process: when the pipe from the recorder breaks, it tells the chamber to stand by.
+"""The keeper's process: when the pipe from the recorder breaks, it sets the chamber to standby.
 
 ``python -m ipmclab.rig.chambers.keeper_process SETTINGS LOG`` is started by the recorder. The line to the chamber is
 the recorder's as long as that lives. Once it is gone, killed too, the system has closed its line; the keeper then opens
@@ -24,7 +24,7 @@ from ipmclab.rig.chambers.drivers import open_chamber
 from ipmclab.rig.chambers.settings import ChamberSettings
 
 GIVE_UP: Final = 600.0
-"""How long [s] it goes on trying."""
+"""How long [s] it continues trying."""
 
 _PAUSE: Final = 2.0  # s between two attempts
 
@@ -35,7 +35,7 @@ def watch(words: Iterable[str], reach: Callable[[], Chamber], log: Callable[[str
     Parameters
     ----------
     words : iterable of str
-        ``"hold"``: it regulates; ``"safe"``: it stands by.
+        ``"hold"``: it regulates; ``"safe"``: it is in standby.
     reach : callable
         Opens a line to the chamber.
     log : callable of str
@@ -45,7 +45,7 @@ def watch(words: Iterable[str], reach: Callable[[], Chamber], log: Callable[[str
     Returns
     -------
     status : int
-        1 where the chamber could not be told.
+        1 where the chamber could not be reached.
     """
     regulates = False
     for word in words:
@@ -69,7 +69,7 @@ def watch(words: Iterable[str], reach: Callable[[], Chamber], log: Callable[[str
                 return 1
             time.sleep(pause)
         else:
-            log("chamber: it stands by")
+            log("chamber: it is in standby")
             return 0
 
 

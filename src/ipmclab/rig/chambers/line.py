@@ -14,7 +14,7 @@ from ipmclab.rig.chambers.chamber import ChamberError
 from ipmclab.rig.chambers.deadline import Deadline
 
 LONGEST_ANSWER: Final = 4096
-"""No answer of a chamber is longer [byte]: what goes on without an end is no answer."""
+"""No answer of a chamber is longer [byte]: what continues without an end is no answer."""
 
 CONNECT_TIME: Final = 3.0
 """A chamber in the same building takes a connection sooner [s]."""

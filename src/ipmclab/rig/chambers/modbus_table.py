@@ -35,7 +35,7 @@ class ModbusTable(Driver):
         """Regulate towards these from now on: see ``Chamber.set``."""
         if relative_humidity is None and self._is_humid:
             raise InputError(
-                "a table of registers has no word for no humidity: the chamber would go on with its last one",
+                "a table of registers cannot switch the humidity off: the chamber would keep its last set point",
                 code="out-of-range",
                 where="relative_humidity",
                 repair="give one, or take relative_humidity out of [chamber]",
@@ -71,10 +71,10 @@ class ModbusTable(Driver):
             return "constant"
         raise garbled(self.where, f"{state} as what it does")
 
-    def _tell_temperature(self, temperature: float, deadline: Deadline) -> None:
+    def _send_temperature(self, temperature: float, deadline: Deadline) -> None:
         self._put(self._table.temperature.set_point, temperature, deadline)
 
-    def _tell_humidity(self, relative_humidity: float | None, deadline: Deadline) -> None:
+    def _send_humidity(self, relative_humidity: float | None, deadline: Deadline) -> None:
         if self._table.relative_humidity is not None and relative_humidity is not None:
             self._put(self._table.relative_humidity.set_point, relative_humidity, deadline)
 
@@ -95,5 +95,5 @@ class ModbusTable(Driver):
         return value
 
     def _put(self, at: RegisterValue, value: float, deadline: Deadline) -> None:
-        told = 1.8 * value + 32.0 if at.unit == "degF" else value
-        self._registers.write(at.number, told / at.scale, at.type, deadline)
+        number = 1.8 * value + 32.0 if at.unit == "degF" else value
+        self._registers.write(at.number, number / at.scale, at.type, deadline)

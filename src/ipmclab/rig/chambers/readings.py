@@ -8,10 +8,10 @@ from typing import Final
 _NUMBER: Final = re.compile(r"[+-]?\d{1,6}(\.\d{1,6})?([eE][+-]?\d{1,2})?")
 
 TEMPERATURES: Final = (-100.0, 200.0)
-"""What a chamber for people's rooms may tell of its air [degC]: anything else is no temperature."""
+"""What a chamber for people's rooms may report of its air [degC]: anything else is no temperature."""
 
 HUMIDITIES: Final = (0.0, 110.0)
-"""Likewise [percent]; a wet bulb without water may tell somewhat more than 100."""
+"""Likewise [percent]; a wet bulb without water may report somewhat more than 100."""
 
 SAME_TEMPERATURE: Final = 1.0
 SAME_HUMIDITY: Final = 5.0
@@ -43,7 +43,7 @@ def temperature(text: str) -> float:
 
 
 def humidity(text: str) -> float:
-    """A relative humidity [percent] that some sensor could tell. Raises ValueError."""
+    """A relative humidity [percent] that some sensor could read. Raises ValueError."""
     return _within(number(text), HUMIDITIES)
 
 

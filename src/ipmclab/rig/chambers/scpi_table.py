@@ -41,8 +41,8 @@ class ScpiTable(Driver):
         alarms: tuple[str, ...] = ()
         alarm = self._table.alarm
         if alarm is not None:
-            told = self._dialogue.ask(alarm.ask, _words, deadline)
-            alarms = () if told in alarm.none else (told,)
+            answer = self._dialogue.ask(alarm.ask, _words, deadline)
+            alarms = () if answer in alarm.none else (answer,)
         warm, wanted_warm = self._pair(self._table.temperature, temperature, SAME_TEMPERATURE, mode, deadline)
         humid, wanted_humid = None, None
         if self._table.relative_humidity is not None and self._ranges.relative_humidity is not None:
@@ -55,7 +55,7 @@ class ScpiTable(Driver):
         reading = self._dialogue.measure(quantity.ask, understand, near, deadline)
         if mode == "standby":
             return reading, None
-        return reading, self._dialogue.ask(quantity.set_point, lambda told: _or_off(told, understand), deadline)
+        return reading, self._dialogue.ask(quantity.set_point, lambda answer: _or_off(answer, understand), deadline)
 
     def _does(self, deadline: Deadline) -> Mode:
         run = self._table.run
@@ -73,20 +73,20 @@ class ScpiTable(Driver):
         unit = self._table.unit
         if unit is None:
             return
-        told = self._dialogue.ask(unit.ask, _words, deadline)
-        if told != unit.celsius:
+        answer = self._dialogue.ask(unit.ask, _words, deadline)
+        if answer != unit.celsius:
             raise ChamberError(
-                f"it answers {told!r} to {unit.ask}, and {unit.celsius!r} where it uses degC",
+                f"it answers {answer!r} to {unit.ask}, and {unit.celsius!r} where it uses degC",
                 code="chamber-unit",
                 where=self.where,
                 repair="set it to degC",
             )
 
-    def _tell_temperature(self, temperature: float, deadline: Deadline) -> None:
+    def _send_temperature(self, temperature: float, deadline: Deadline) -> None:
         self._check_unit(deadline)
         self._command(self._table.temperature.tell.format(value=temperature), deadline)
 
-    def _tell_humidity(self, relative_humidity: float | None, deadline: Deadline) -> None:
+    def _send_humidity(self, relative_humidity: float | None, deadline: Deadline) -> None:
         quantity = self._table.relative_humidity
         if quantity is None:
             return

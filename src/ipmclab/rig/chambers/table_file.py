@@ -1,4 +1,4 @@
-"""Tables of chambers that have no driver of their own: what they are asked and told, as a TOML file says it."""
+"""Tables of chambers that have no driver of their own: their queries and commands, as a TOML file says it."""
 
 from __future__ import annotations
 
@@ -83,7 +83,8 @@ class RegisterQuantity(Strict):
 
 
 class RegisterRun(Strict):
-    """``[run]``: where it states what it does, its numbers for that, where it is told, and the numbers for that."""
+    """``[run]``: where it states what it does, its numbers for that, where it is commanded, and the numbers for
+    that."""
 
     state: Register
     command: Register
@@ -143,8 +144,8 @@ def read_table(path: Path, model: type[Table]) -> Table:
 def _check_command(command: str, where: str) -> None:
     """A command must hold its value, and as a number that the instrument reads. Raises InputError."""
     try:
-        told = command.format(value=23.25)
-        holds = told != command.format(value=-8.5) and told.isascii() and "\n" not in told
+        text = command.format(value=23.25)
+        holds = text != command.format(value=-8.5) and text.isascii() and "\n" not in text
     except (ValueError, KeyError, IndexError, AttributeError):
         holds = False
     if not holds:

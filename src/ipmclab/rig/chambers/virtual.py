@@ -172,7 +172,7 @@ class VirtualChamber:
         """Nothing is held."""
 
     def air(self, times: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """The air in it, as it is and not as its sensors tell.
+        """The air in it, as it is and not as its sensors read.
 
         Parameters
         ----------
@@ -197,7 +197,7 @@ class VirtualChamber:
 
     @contextmanager
     def _changing(self) -> Iterator[None]:
-        """A block in which settings change: what was computed beyond now is computed anew."""
+        """A block in which settings change: what was computed beyond now is computed again."""
         self._answer()
         with self._lock:
             self._cut()
@@ -214,7 +214,7 @@ class VirtualChamber:
         self._states, self._origin = [(joined[0], joined[1], joined[2])], max(now, self._origin)
 
     def _compute(self, last: int) -> None:
-        """Go on until there is a node of that number."""
+        """Continue until there is a node of that number."""
         climate = self.climate
         regulated = self._mode == "constant" and not self._is_still and self._asked is not None
         stiffness = 1.0 / climate.temperature_time**2

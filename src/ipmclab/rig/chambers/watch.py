@@ -1,4 +1,5 @@
-"""A chamber as an experiment holds it: read about once a second beside everything else, and believed only so far."""
+"""A chamber as an experiment holds it: read about once a second in addition to everything else, and believed only so
+far."""
 
 from __future__ import annotations
 
@@ -26,7 +27,7 @@ SILENT: Final = 12.0
 stand by, what is recorded ends within ``DEADLINE``."""
 
 _TWICE: Final = 2
-"""An alarm, or a set point that nobody asked for, counts once it stands in so many readings."""
+"""An alarm, or a set point that nobody asked for, counts once it is in so many readings."""
 
 
 class ChamberWatch:
@@ -40,7 +41,7 @@ class ChamberWatch:
         The time [s] of a simulated bench, which runs faster than that of the wall: the chamber, simulated too, is then
         read by that clock wherever its readings are asked for, and there is no thread.
     keeper : callable of bool, optional
-        Told that the chamber regulates for this program (true), and that it stands by again (false).
+        Called when the chamber regulates for this program (true), and that it is in standby again (false).
 
     Examples
     --------
@@ -101,7 +102,7 @@ class ChamberWatch:
 
     @property
     def is_ours(self) -> bool:
-        """Whether this program ever told it to regulate: what follows another's program is not let stand by."""
+        """Whether this program ever commanded it to regulate: what follows another's program is not let stand by."""
         return self._is_ours
 
     def set(self, temperature: float, relative_humidity: float | None) -> None:
@@ -113,7 +114,7 @@ class ChamberWatch:
         try:
             self._chamber.set(temperature, relative_humidity)
         except IpmclabError as error:
-            if isinstance(error, InputError) or error.code == "chamber-in-use":  # it was told nothing
+            if isinstance(error, InputError) or error.code == "chamber-in-use":  # it got no command
                 self._is_ours = was_ours
                 if self._keeper is not None and not was_ours:
                     self._keeper(False)
@@ -167,7 +168,7 @@ class ChamberWatch:
             self._later.put(act)
 
     def safe(self) -> None:
-        """Let it stand by, whatever happened. Raises ChamberError only where it could not be told."""
+        """Let it stand by, whatever happened. Raises ChamberError only where it could not be reached."""
         self._asked, self._is_still = None, False
         self._stop_reading()  # a line that fails is asked no more than this
         self._chamber.safe()
@@ -231,7 +232,7 @@ class ChamberWatch:
                     self._later.get()()
                 self._read()
             except Exception as error:  # a thread that died would leave a chamber that nobody watches
-                self._tell(_as_chamber_error(error))
+                self._report(_as_chamber_error(error))
             ended.wait(max(0.05, PERIOD - (self._clock() - began)))
 
     def _look(self) -> None:
@@ -256,10 +257,10 @@ class ChamberWatch:
             problem = self._doubt(conditions)
         self.on_reading(conditions)
         if problem is not None:
-            self._tell(problem)
+            self._report(problem)
 
     def _await_answer(self) -> None:
-        """Where the last reading failed: wait until one comes, or silence is told. Raises ChamberError.
+        """Where the last reading failed: wait until one comes, or silence is reported. Raises ChamberError.
 
         To resume it would take all its time in vain, and begin where the silence ends.
         """
@@ -270,7 +271,7 @@ class ChamberWatch:
     def _judge_silence(self) -> None:
         silent = self._clock() - self._heard
         if silent >= SILENT:
-            self._tell(_lost(self._failure or _UNHEARD, silent))
+            self._report(_lost(self._failure or _UNHEARD, silent))
 
     def _doubt(self, conditions: Conditions) -> ChamberError | None:
         """What is wrong with a chamber that answers, once it has been so in two readings."""
@@ -281,7 +282,7 @@ class ChamberWatch:
         self._odd = (said, self._odd[1] + 1 if said == self._odd[0] else 1)
         return error if self._odd[1] >= _TWICE else None
 
-    def _tell(self, problem: ChamberError) -> None:
+    def _report(self, problem: ChamberError) -> None:
         with self._lock:
             if self._problem is not None:
                 return
@@ -299,7 +300,7 @@ _UNHEARD: Final = ChamberError(
 
 
 def _as_chamber_error(error: Exception) -> ChamberError:
-    """What went wrong beside a chamber, as an error that everybody here knows."""
+    """What went wrong around a chamber, as an error that everybody here knows."""
     if isinstance(error, ChamberError):
         return error
     where, repair = "chamber", "record again; if it happens again, report this message to the developers"

@@ -117,11 +117,11 @@ class WatlowF4T(Driver):
         states = [self._number(ALARM + place * NEXT_ALARM, deadline) for place in range(ALARMS)]
         return tuple(f"alarm {place}" for place, state in enumerate(states, 1) if state not in _NO_ALARM)
 
-    def _tell_temperature(self, temperature: float, deadline: Deadline) -> None:
-        told = 1.8 * temperature + 32.0 if self._is_fahrenheit(deadline) else temperature
-        self._registers.write(SET_POINT, told, "float32", deadline)
+    def _send_temperature(self, temperature: float, deadline: Deadline) -> None:
+        number = 1.8 * temperature + 32.0 if self._is_fahrenheit(deadline) else temperature
+        self._registers.write(SET_POINT, number, "float32", deadline)
 
-    def _tell_humidity(self, relative_humidity: float | None, deadline: Deadline) -> None:
+    def _send_humidity(self, relative_humidity: float | None, deadline: Deadline) -> None:
         if len(self._loops) == 1:
             return
         if relative_humidity is not None:

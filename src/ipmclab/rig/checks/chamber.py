@@ -1,4 +1,4 @@
-"""Whether the chamber of a rig answers, tells what the rig's own sensors tell, and can be brought to standby."""
+"""Whether the chamber of a rig answers, reads what the rig's own sensors read, and can be brought to standby."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ SAME_HUMIDITY: Final = 8.0
 def chamber_findings(
     chamber: Chamber, temperature: float | None, relative_humidity: float | None
 ) -> tuple[Conditions | None, tuple[Finding, ...]]:
-    """Read a chamber, and nothing else: it goes on with what it does.
+    """Read a chamber, and nothing else: it continues with what it does.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ def chamber_items(chamber: Chamber) -> Iterator[Item]:
     if read.mode in ("standby", "off"):
         yield Item(name, what, "passed", str(read))
     elif read.mode == "unknown":
-        yield Item(name, what, "noted", str(read), "see at its panel that it stands by")
+        yield Item(name, what, "noted", str(read), "check at its panel that it is in standby")
     else:
         yield Item(name, what, "failed", str(read), "look at its panel")
 

@@ -106,7 +106,7 @@ def check_rig(
     today : date, optional
         Against which calibrations age.
     chamber : Chamber, optional
-        It is read, and goes on with what it does.
+        It is read, and continues with what it does.
 
     Raises
     ------
@@ -125,8 +125,8 @@ def check_rig(
         if values is None:
             rows.append(ChannelCheck(channel, expected.get(channel.name)))
             continue
-        told = channel.gain * values + channel.offset
-        rows.append(ChannelCheck(channel, expected.get(channel.name), float(told.mean()), float(told.std())))
+        scaled = channel.gain * values + channel.offset
+        rows.append(ChannelCheck(channel, expected.get(channel.name), float(scaled.mean()), float(scaled.std())))
         findings += at_rest(channel, values)
     if "voltage" in read:
         left = left_at_output(rig, {name: float(values.mean()) for name, values in read.items()})
@@ -167,8 +167,8 @@ def _read(bench: Bench) -> tuple[dict[str, FloatArray], float | None, list[Findi
             if error.code in _GONE:
                 raise
             errors |= _one_by_one(bench, group, readings, temperatures, error)
-    seen = np.concatenate(temperatures) if temperatures else np.empty(0)
-    return readings, float(seen.mean()) if len(seen) else None, list(_unread(errors))
+    read = np.concatenate(temperatures) if temperatures else np.empty(0)
+    return readings, float(read.mean()) if len(read) else None, list(_unread(errors))
 
 
 def _unread(errors: dict[str, IpmclabError]) -> Iterator[Finding]:

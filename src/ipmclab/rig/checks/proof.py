@@ -1,4 +1,4 @@
-"""The report of ``rig prove``: what the hardware of a rig was seen to do, beside the rig file."""
+"""The report of ``rig prove``: what the hardware of a rig was found to do, next to the rig file."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ipmclab.rig.channels import Rig, VirtualStrip
 from ipmclab.rig.files.text import rig_to_text
 
 Status = Literal["passed", "failed", "noted", "not done"]
-"""``noted``: what was seen is a fact of this hardware, for which there is no right or wrong."""
+"""``noted``: what was found is a fact of this hardware, for which there is no right or wrong."""
 
 UNPROVEN: Final = "not proven on this hardware"
 
@@ -31,7 +31,7 @@ class Item:
     what : str
         What was tried.
     status : Status
-    seen : str
+    found : str
         What was seen, with numbers and units.
     repair : str
         What to do where it failed.
@@ -40,7 +40,7 @@ class Item:
     name: str
     what: str
     status: Status
-    seen: str
+    found: str
     repair: str = ""
 
 
@@ -92,7 +92,7 @@ def rig_fingerprint(rig: Rig) -> str:
 
 
 def proof_path(rig_path: str | Path) -> Path:
-    """Where the report of a rig file stands.
+    """Where the report of a rig file is.
 
     Examples
     --------
@@ -122,7 +122,7 @@ def write_proof(proof: Proof, path: Path) -> None:
         "operator": proof.operator,
         "software_version": proof.software_version,
         "items": [
-            {"name": one.name, "what": one.what, "status": one.status, "seen": one.seen, "repair": one.repair}
+            {"name": one.name, "what": one.what, "status": one.status, "seen": one.found, "repair": one.repair}
             for one in proof.items
         ],
     }

@@ -1,4 +1,4 @@
-"""``rig prove``: what the hardware of a rig does when things go wrong, seen with a dummy load in the clamp."""
+"""``rig prove``: what the hardware of a rig does when things go wrong, tested with a dummy load in the clamp."""
 
 from __future__ import annotations
 
@@ -150,7 +150,7 @@ def _volts(rig: Rig) -> float:
 
 
 def _on_bench(rig: Rig, volts: float) -> Iterator[Item]:
-    """What is seen while the bench runs as it does in a recording."""
+    """What is found while the bench runs as it does in a recording."""
     from ipmclab.rig.ni import NiBench
 
     bench = NiBench(rig)
@@ -260,8 +260,8 @@ def _load(rig: Rig, bench: NiBench, volts: float) -> Item:
         abs(own / DUMMY_RESISTANCE - 1.0) < _RESISTANCE_TOLERANCE
         and abs(capacitance / DUMMY_CAPACITANCE - 1.0) < _CAPACITANCE_TOLERANCE
     )
-    seen = f"{own:.3g} ohm and {1e3 * capacitance:.3g} mF"
-    return Item("load", what, "passed" if good else "failed", seen, "" if good else repair)
+    found = f"{own:.3g} ohm and {1e3 * capacitance:.3g} mF"
+    return Item("load", what, "passed" if good else "failed", found, "" if good else repair)
 
 
 def _order(rig: Rig, bench: NiBench, volts: float) -> Item:
@@ -275,12 +275,12 @@ def _order(rig: Rig, bench: NiBench, volts: float) -> Item:
     read = rig["voltage"].gain * _joined(blocks, "voltage") + rig["voltage"].offset
     changed = np.flatnonzero(read > 0.5 * volts)
     late = int(changed[0]) - edge if len(changed) else None
-    seen = "the edge was not seen" if late is None else f"an edge at a row is read {late} row{'s' * (late != 1)} later"
+    found = "the edge was not read" if late is None else f"an edge at a row is read {late} row{'s' * (late != 1)} later"
     return Item(
         "order",
         "order of input and output at an edge: each row is read just before the output changes",
         "passed" if late == 1 else "failed",
-        seen,
+        found,
         "" if late == 1 else "the time of every edge is off by a row: report it with this file",
     )
 
@@ -335,7 +335,7 @@ def _child(rig_name: str, mode: str, volts: float) -> Iterator[subprocess.Popen[
 
 def _from_outside(rig: Rig, rig_name: str, volts: float) -> Iterator[Item]:
     """What becomes of the output when the program that drives it is killed, hangs, or is overruled."""
-    from ipmclab.rig.ni import reset
+    from ipmclab.rig.daqmx.reset import reset
 
     watcher = Watcher(rig)
     try:
@@ -370,12 +370,14 @@ def _from_outside(rig: Rig, rig_name: str, volts: float) -> Iterator[Item]:
 def _in_time(name: str, what: str, watcher: Watcher) -> Item:
     first, after = watcher.time_to_zero(_LOOK)
     good = after is not None and after <= WITHIN
-    seen = f"it still gives {first:.2g} V after {_LOOK:g} s" if after is None else f"0 V after {after:.2f} s"
-    return Item(name, what, "passed" if good else "failed", seen, "" if good else "switch the amplifier off; report it")
+    found = f"it still gives {first:.2g} V after {_LOOK:g} s" if after is None else f"0 V after {after:.2f} s"
+    return Item(
+        name, what, "passed" if good else "failed", found, "" if good else "switch the amplifier off; report it"
+    )
 
 
 def _unplugged(rig: Rig, rig_name: str, volts: float, simulated: bool, ask: Ask | None) -> Item:
-    """What the output gives without its cable: only a voltmeter and its reader can tell."""
+    """What the output gives without its cable: only a voltmeter and its reader can know."""
     name, what = "unplugged", "the output after the cable is pulled in the middle of a signal"
     if simulated:
         return Item(name, what, "noted", "a stand-in has no cable")
@@ -386,7 +388,7 @@ def _unplugged(rig: Rig, rig_name: str, volts: float, simulated: bool, ask: Ask 
         left = _asked_volts(ask, "Pull the cable of the chassis now. What does the voltmeter show (for example 1 V)?")
         ended = process.poll() is not None
     ask("Plug the cable in again, wait until the chassis is ready, and press Enter.")
-    from ipmclab.rig.ni import reset
+    from ipmclab.rig.daqmx.reset import reset
 
     reset(rig)
     program = "the program noticed" if ended else "the program had not noticed yet"

@@ -26,7 +26,7 @@ def _end_with_parent(stdin: BinaryIO) -> None:
     os._exit(3)
 
 
-def _tell(line: str) -> None:
+def _report(line: str) -> None:
     sys.stdout.write(f"{line}\n")
     sys.stdout.flush()
 
@@ -59,11 +59,11 @@ def main(rig_name: str, mode: str, volts: float) -> int:
                 guardian.beat()
             if not on and abs(block.output[-1] - volts) < 1e-9:
                 on = True
-                _tell("on")
+                _report("on")
                 if mode == "hang":
                     time.sleep(LONGEST)
     except IpmclabError as error:
-        _tell(f"failed {error.code}")
+        _report(f"failed {error.code}")
         return 1
     finally:
         bench.close()

@@ -1,4 +1,4 @@
-"""What the modules of a chassis can do a second, as far as their data sheets tell it without the chassis."""
+"""What the modules of a chassis can do a second, as far as their data sheets state it without the chassis."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def check_modules(rig: Rig, measured: Collection[str], rate: float) -> None:
     rig : Rig
         A virtual one can do any rate.
     measured : collection of str
-        What a run asks for; the voltage, the current and the air are read beside it.
+        What a run asks for; the voltage, the current and the air are read too.
     rate : float [Hz]
 
     Raises

@@ -40,7 +40,7 @@ def at_rest(channel: Channel, volts: FloatArray) -> Iterator[Finding]:
         yield Finding(
             "nothing-seen",
             "error",
-            f"the sensor gives {volts.mean():.3g} V, which means that it sees nothing",
+            f"the sensor gives {volts.mean():.3g} V, which means that nothing is in its range",
             "bring the strip into its range, and see that nothing is in between",
             channel.name,
         )

@@ -1,6 +1,6 @@
 """NI-DAQmx as a rig needs it: tasks by their role, the modules that are there, the reset. Errors come out as ours.
 
-The client (the package ``nidaqmx``) is handed in: ``rig/ni.py`` is the only place that imports it.
+The client (the package ``nidaqmx``) is an argument: ``client.py`` is the only place that imports it.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _NOT_APPLICABLE: Final = -200197
 """What the driver says when a module is asked for a property that it does not have."""
 
 COLDEST, HOTTEST = -200.0, 850.0
-"""What an NI 9217 tells of a platinum thermometer [degC]."""
+"""What an NI 9217 reads of a platinum thermometer [degC]."""
 
 LARGEST_RESISTANCE: Final = 400.0
 """The range of an NI 9217 [ohm]; contacts that do not touch read as its end."""

@@ -10,9 +10,9 @@ from typing import Any
 from ipmclab.errors import InputError
 from ipmclab.rig.bench import BenchError
 from ipmclab.rig.channels import Rig
+from ipmclab.rig.daqmx.client import client
 from ipmclab.rig.daqmx.driver import Driver, module_of
 from ipmclab.rig.daqmx.tasks import OnDemand
-from ipmclab.rig.ni import client
 from ipmclab.rig.safety.readback import left_at_output
 
 _ANSWER = 5.0  # s
@@ -98,7 +98,7 @@ class Watcher:
     def waited(self, rate: float, rows: int) -> float:
         """How long [s] this computer waits for so many rows from their start: on a real clock never less than they are.
 
-        A busy computer only adds to it, so that the shortest of a few tells a clock that runs ahead.
+        A busy computer only adds to it, so that the shortest of a few shows a clock that runs ahead.
         """
         with self._clocked(rate, self._driver.client.constants.AcquisitionType.FINITE, rows) as task:
             began = time.monotonic()

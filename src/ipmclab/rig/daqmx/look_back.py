@@ -21,7 +21,7 @@ def read_output(driver: Driver) -> float:
     Raises
     ------
     BenchError
-        ``"output-unread"`` where no channel of the rig tells it; else what went wrong with reading.
+        ``"output-unread"`` where no channel of the rig reads it; else what went wrong with reading.
     """
     names = channels_at_output(driver.rig)
     if not names:

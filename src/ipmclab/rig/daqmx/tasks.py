@@ -48,7 +48,7 @@ class TimedTasks:
 
     The input task is the master: it is reserved first, so that the terminal of its clock is known, and the output
     task takes that clock. The output is armed before the inputs start: on each edge the inputs are read, then
-    the output changes. Both go on until they are stopped.
+    the output changes. Both continue until they are stopped.
 
     Parameters
     ----------
@@ -187,7 +187,7 @@ class TimedTasks:
             return int(self._inputs.in_stream.total_samp_per_chan_acquired)
 
     def stop_output(self) -> None:
-        """Stop feeding and clear the output, which keeps its last voltage; the inputs go on."""
+        """Stop feeding and clear the output, which keeps its last voltage; the inputs continue."""
         task, self._output = self._output, None
         if task is not None:
             with self._driver.translated():
@@ -291,7 +291,7 @@ class OnDemand:
 def _set_clock(driver: Driver, task: Any, rate: float, source: str, buffered: int, what: str) -> None:
     """Continuous sampling on a clock, unless the modules are too slow for it."""
     continuous = driver.client.constants.AcquisitionType.CONTINUOUS
-    # The modules tell their highest rate only once there is a rate, and refuse one that is too high.
+    # The modules report their highest rate only once there is a rate, and refuse one that is too high.
     for wanted in dict.fromkeys((min(rate, _SLOW), rate)):
         task.timing.cfg_samp_clk_timing(wanted, source=source, sample_mode=continuous, samps_per_chan=buffered)
         most = task.timing.samp_clk_max_rate

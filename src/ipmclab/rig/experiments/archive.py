@@ -32,7 +32,7 @@ _MOST_CHECKED: Final = 5_000_000
 
 @dataclass(frozen=True)
 class Recorded:
-    """A run that stands on the disk.
+    """A run that is on the disk.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ class Archive:
     ----------
     laboratory : Laboratory
     operator : Operator
-        Is told of each run.
+        Gets each run.
     inspect : callable
         What is wrong with a run, such as ``ipmclab.check``.
     """
@@ -86,7 +86,7 @@ class Archive:
         self._first_of_pair: dict[tuple[str, int | None], Path] = {}
         self.recorded: list[Recorded] = []
         self.fingerprint: Fingerprint | None = None
-        """Of the last run that was one; None where it tells nothing."""
+        """Of the last run that was one; None where it shows nothing."""
 
     def begin(self, header: JournalHeader, live: Live, guardian: Path | None = None) -> Journal:
         """A journal for the rows of a run that begins; it names the file in which a guardian says what became of it."""
@@ -126,7 +126,7 @@ class Archive:
         self.recorded.append(recorded)
         self._operator.tell(Message("recorded", recorded.as_dict()))
         if recorded.state == "complete" and planned.rows <= _MOST_CHECKED and planned.pair_id is not None:
-            self._tell_pair(planned.pair_id, planned.repeat, recorded.path)
+            self._report_pair(planned.pair_id, planned.repeat, recorded.path)
         return recorded
 
     def _look_at(self, path: Path, rows: int) -> tuple[Run | None, list[Finding]]:
@@ -143,7 +143,7 @@ class Archive:
             self._note(f"{type(error).__name__}: {error}: {later}")
             return run, []
 
-    def _tell_pair(self, pair_id: str, repeat: int | None, path: Path) -> None:
+    def _report_pair(self, pair_id: str, repeat: int | None, path: Path) -> None:
         """What the two polarities have in common, once both are there."""
         first = self._first_of_pair.pop((pair_id, repeat), None)
         if first is None:

@@ -22,7 +22,8 @@ from ipmclab.rig.experiments.steps import watched
 from ipmclab.rig.experiments.visits import Visit
 from ipmclab.rig.process.messages import Message
 from ipmclab.rig.recording.slow import Air as SlowAir
-from ipmclab.rig.safety.limits import AIR, Limits
+from ipmclab.rig.safety.limit import AIR
+from ipmclab.rig.safety.limits import Limits
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -30,7 +31,7 @@ _NOTED: Final = 10.0
 """How often [s] of its own time the waiting for the environment is noted."""
 
 _TOLD: Final = 0.2
-"""How often [s] of the wall's time readings are told at most: a simulated bench is much faster."""
+"""How often [s] of the wall's time readings are reported at most: a simulated bench is much faster."""
 
 _SMOOTHED: Final = 10
 """Seconds of readings over which drift is averaged: noise is no drift."""
@@ -42,7 +43,7 @@ class Desk(Protocol):
     """What this needs of the session."""
 
     def tell(self, message: Message) -> None:
-        """Tell all who listen."""
+        """Send to all who listen."""
 
     def note(self, text: str, *, passing: bool = False) -> None:
         """Something to know."""
@@ -106,11 +107,11 @@ class Conditioning:
         self._most: dict[str, float] = {}
         self._still_since: float | None = None
         self._resumes = False
-        self._told = self._told_reading = 0.0
+        self._told = self._reported_reading = 0.0
         self.known: dict[str, Any] = {}
         """What a run is to say of its environment."""
         if chamber is not None:
-            chamber.on_reading = self._tell_reading
+            chamber.on_reading = self._report_reading
             chamber.on_problem = lambda problem: self._desk.abort(str(problem))
 
     @property
@@ -180,7 +181,7 @@ class Conditioning:
         self._recent, self._most, self._still_since, self._resumes = {}, {}, None, False
         yield
         if not self._desk.is_over():  # what is over, also by an error, ends in standby and sets no chamber to work
-            # Where it fails the chamber is in standby and nothing is still: the next readings tell.
+            # Where it fails the chamber is in standby and nothing is still: the next readings show it.
             with suppress(ChamberError):
                 self._chamber.resume()
         self._still_for = seconds
@@ -210,12 +211,12 @@ class Conditioning:
             self._resume(f"it was still for {environment.longest_still:g} s")
 
     def leave(self) -> None:
-        """The experiment is over, however: a chamber that was set stands by. Another's is not touched.
+        """The experiment is over, however: a chamber that was set goes to standby. Another's is not touched.
 
         Raises
         ------
         ChamberError
-            It could not be told.
+            It could not be reached.
         """
         if self._chamber is None or not self._chamber.is_ours:
             return
@@ -238,8 +239,8 @@ class Conditioning:
         self._chamber.resume_soon(done)
 
     def _wait(self, environment: TargetEnvironment, settle: float) -> None:
-        seen = watched(environment, self._bench.rig)
-        if not seen:
+        limits_watched = watched(environment, self._bench.rig)
+        if not limits_watched:
             return
         noted, began = -_NOTED, self._clock.now
         if self._chamber is not None:
@@ -247,35 +248,35 @@ class Conditioning:
 
         def on_air(air: Air) -> bool:
             nonlocal noted
-            self._tell_waiting(air, environment, settle)
+            self._report_waiting(air, environment, settle)
             if air.time - noted >= _NOTED:
                 noted = air.time
                 self._desk.note(f"{air}, within tolerance for {air.settled_for:.0f} s", passing=True)
             return self._desk.is_over()
 
         air = wait_for_equilibrium(
-            self._bench, environment, seen, on_air, chamber=self._chamber, limits=self._limits, settle=settle
+            self._bench, environment, limits_watched, on_air, chamber=self._chamber, limits=self._limits, settle=settle
         )
-        self._tell_waiting(air, environment, settle, last=True)
+        self._report_waiting(air, environment, settle, last=True)
         self._clock.passed(air.time, since=began)
         for name in AIR:
             value = getattr(air, name)
             if value is not None:
                 self.known[name] = self._base[name] = value
 
-    def _tell_waiting(self, air: Air, environment: TargetEnvironment, settle: float, *, last: bool = False) -> None:
+    def _report_waiting(self, air: Air, environment: TargetEnvironment, settle: float, *, last: bool = False) -> None:
         if last or time.monotonic() - self._told >= _TOLD:
             self._told = time.monotonic()
-            told = {"waited": air.time, "longest": environment.longest_wait, "settled_for": air.settled_for}
+            progress = {"waited": air.time, "longest": environment.longest_wait, "settled_for": air.settled_for}
             read = {name: getattr(air, name) for name in AIR if getattr(air, name) is not None}
-            self._desk.tell(Message("equilibrium", {**told, "settle": settle, "is_over": last, **read}))
+            self._desk.tell(Message("equilibrium", {**progress, "settle": settle, "is_over": last, **read}))
 
-    def _tell_reading(self, conditions: Conditions) -> None:
+    def _report_reading(self, conditions: Conditions) -> None:
         """In the thread that reads the chamber."""
-        if time.monotonic() - self._told_reading < _TOLD:
+        if time.monotonic() - self._reported_reading < _TOLD:
             return
-        self._told_reading = time.monotonic()
-        told = {
+        self._reported_reading = time.monotonic()
+        progress = {
             "temperature": conditions.temperature,
             "relative_humidity": conditions.relative_humidity,
             "temperature_set_point": conditions.temperature_set_point,
@@ -285,4 +286,4 @@ class Conditioning:
             "alarms": list(conditions.alarms),
         }
         with suppress(IpmclabError):
-            self._desk.tell(Message("chamber", told))
+            self._desk.tell(Message("chamber", progress))

@@ -19,7 +19,7 @@ PATIENCE: Final = 1.0
 
 @dataclass(frozen=True)
 class Earlier:
-    """What earlier runs tell of a sample.
+    """What earlier runs show of a sample.
 
     Parameters
     ----------

@@ -30,7 +30,7 @@ EXAMPLES: Final = {
     "temperature_drift": "1 degC",
     "humidity_drift": "5 percent",
 }
-"""What stands where a quantity of an environment belongs, for messages."""
+"""What is where a quantity of an environment belongs, for messages."""
 
 
 class ConditionTable(Strict):
@@ -141,7 +141,7 @@ class Reference:
 
 
 def conditions_from_texts(given: Any, where: str) -> Any:
-    """What stands under ``environments``, with tables in the place of texts; what is no list is left as it is.
+    """What is under ``environments``, with tables in the place of texts; what is no list is left as it is.
 
     Raises
     ------
@@ -197,7 +197,7 @@ def read_environments(
     signal : Signal, optional
         That of the reference.
     place : callable
-        Where a key stands, for messages.
+        Where a key is, for messages.
 
     Raises
     ------

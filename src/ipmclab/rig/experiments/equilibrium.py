@@ -13,7 +13,8 @@ from ipmclab.errors import InputError, IpmclabError
 from ipmclab.rig.bench import Bench, Block
 from ipmclab.rig.chambers.watch import ChamberWatch
 from ipmclab.rig.experiments.environments import TargetEnvironment
-from ipmclab.rig.safety.limits import Limits, shown
+from ipmclab.rig.safety.limit import shown
+from ipmclab.rig.safety.limits import Limits
 from ipmclab.signals import Step
 from ipmclab.units import CHANNELS
 
@@ -87,7 +88,7 @@ def wait_for_equilibrium(
     """Read temperature and humidity until they have been within tolerance for ``target.settle``.
 
     The output stays at 0 V all the while. A reading is the mean over 10 s; that of a sensor at the strip counts, and
-    that of the chamber's own where there is none. One that leaves its tolerance begins the time anew.
+    that of the chamber's own where there is none. One that leaves its tolerance begins the time again.
 
     Parameters
     ----------
@@ -174,7 +175,7 @@ def wait_for_equilibrium(
 
 
 def _read(bench: Bench, block: Block, measured: Collection[str]) -> dict[str, FloatArray]:
-    """What the sensors at the strip tell of the air."""
+    """What the sensors at the strip read of the air."""
     found = {}
     if len(block.temperature):
         found["temperature"] = block.temperature

@@ -1,7 +1,7 @@
-"""The fingerprint of a strip: a short run at a low voltage that tells whether it is still as it was.
+"""The fingerprint of a strip: a short run at a low voltage that shows whether it is still as it was.
 
 A strip that dried, or that sits otherwise in its clamp, shows in three numbers before the run is spoilt: the series
-resistance, the capacitance and the drift at rest. They are held against the earlier fingerprints of the same sample.
+resistance, the capacitance and the drift at rest. They are compared with the earlier fingerprints of the same sample.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ SCATTER: Final = 3.0
 """A number further from the median of the earlier ones than so many of their standard deviations is outside."""
 
 LEAST_EARLIER: Final = 3
-"""Earlier fingerprints from which a scatter can be told."""
+"""Earlier fingerprints from which a scatter can be determined."""
 
 _LEAST_RELATIVE_SCATTER: Final = 0.05
 """Three fingerprints may agree by chance far better than a strip keeps its state: a change below this is none."""
@@ -44,7 +44,7 @@ _EDGE: Final = 3
 
 @dataclass(frozen=True)
 class Fingerprint:
-    """What a step of 0.1 V tells of a strip.
+    """What a step of 0.1 V shows of a strip.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ class Fingerprint:
         )
 
     def as_dict(self) -> dict[str, float | str]:
-        """The numbers as they stand in a JSON document."""
+        """The numbers as they are in a JSON document."""
         return {
             "series_resistance": self.series_resistance,
             "capacitance": self.capacitance,
@@ -141,11 +141,11 @@ def fingerprint_finding(run: Run) -> Finding | None:
 
 
 def inspect(run: Run) -> list[Finding]:
-    """What is wrong with a run, and what its fingerprint tells: what the catalogue keeps."""
+    """What is wrong with a run, and what its fingerprint shows: what the catalogue keeps."""
     from ipmclab.quality import check
 
-    told = fingerprint_finding(run)
-    return [*check(run), *([told] if told is not None else [])]
+    finding = fingerprint_finding(run)
+    return [*check(run), *([finding] if finding is not None else [])]
 
 
 def differences(found: Fingerprint, earlier: Sequence[Fingerprint]) -> list[str]:
@@ -205,7 +205,7 @@ def _slope(run: Run, channel: str, stop: int) -> tuple[float, float]:
     if there.sum() < 3:
         return 0.0, math.inf
     time, values = time[there] - time[there].mean(), values[there]
-    spread = float(np.sum(time**2))
-    slope = float(time @ values) / spread
+    squares = float(np.sum(time**2))
+    slope = float(time @ values) / squares
     left = values - values.mean() - slope * time
-    return slope, math.sqrt(float(left @ left) / (len(values) - 2) / spread)
+    return slope, math.sqrt(float(left @ left) / (len(values) - 2) / squares)

@@ -29,7 +29,7 @@ def check_folder(folder: Path, *, where: str) -> None:
     if not folder.parent.is_dir():
         raise _refusal(f"the folder {str(folder.parent)!r} does not exist", where, "no-such-folder")
     try:
-        # Rights alone do not tell: some file systems refuse everybody.
+        # Rights alone do not show: some file systems refuse everybody.
         with tempfile.TemporaryDirectory(prefix=".ipmclab-", dir=folder.parent):
             pass
     except OSError as error:

@@ -1,4 +1,4 @@
-"""What an experiment tells while a run is recorded."""
+"""What an experiment reports while a run is recorded."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from ipmclab.rig.recording.keeping import Rows
 from ipmclab.rig.recording.slow import Air
 from ipmclab.run import Mark
 
-_PROGRESS_TOLD: Final = 0.2
-"""How often [s] it is told how far a run has come."""
+_BETWEEN_REPORTS: Final = 0.2
+"""How often [s] it is reported how far a run has come."""
 
 
 class Live:
-    """What a run tells while it is recorded: its readings as they come, and how many rows are safe."""
+    """What a run reports while it is recorded: its readings as they come, and how many rows are safe."""
 
     def __init__(self, operator: Operator, rows: int) -> None:
         self._operator = operator
@@ -30,8 +30,8 @@ class Live:
         """Some rows were read."""
         self._seen = rows.first_row + len(rows)
         self._operator.tell(Message("block", {"first_row": rows.first_row}, dict(rows.values)))
-        if time.monotonic() - self._told > _PROGRESS_TOLD:
-            self._tell()
+        if time.monotonic() - self._told > _BETWEEN_REPORTS:
+            self._report()
 
     def air(self, air: Air) -> None:
         """The air around the strip was read."""
@@ -46,17 +46,17 @@ class Live:
         """An operator, or a limit, is ``ending`` the run, which will have so many rows."""
         self._rows = rows
         self._operator.tell(Message("event", {**_told(mark), "ending": ending}))
-        self._tell()
+        self._report()
 
     def committed(self, acknowledged: int) -> None:
         """So many rows are on the disk."""
         self._safe = acknowledged
-        self._tell()
+        self._report()
 
-    def _tell(self) -> None:
+    def _report(self) -> None:
         self._told = time.monotonic()
-        told = {"rows": self._seen, "acknowledged": self._safe, "of": self._rows}
-        self._operator.tell(Message("progress", told))
+        progress = {"rows": self._seen, "acknowledged": self._safe, "of": self._rows}
+        self._operator.tell(Message("progress", progress))
 
 
 def _told(mark: Mark) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Who is told what an experiment does, and answers its questions."""
+"""Who gets what an experiment does, and answers its questions."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ class Operator(Protocol):
     """The operator, at one terminal or at many clients."""
 
     def tell(self, message: Message) -> None:
-        """Tell all who listen; never waits."""
+        """Send to all who listen; never waits."""
 
     def ask(self, question: Question, ended: Callable[[], bool]) -> str:
         """The answer to a question, or any text once ``ended`` says that the experiment has ended meanwhile."""

@@ -1,4 +1,4 @@
-"""What an experiment is going to do, told and checked before anything moves."""
+"""What an experiment is going to do, stated and checked before anything moves."""
 
 from __future__ import annotations
 
@@ -94,10 +94,10 @@ class Plan:
 
     def _watched(self) -> dict[str, str]:
         """The limits, and which of them nothing that is measured can show to be passed."""
-        told = self.limits.as_text()
+        limit_texts = self.limits.as_text()
         unread = dict.fromkeys(_unread(self.experiment), "not watched: it is not measured")
         beyond = dict.fromkeys(self.limits.unwatched(self.rig, self.experiment.measured), "not watched")
-        return {name: unread.get(name) or beyond.get(name) or text for name, text in told.items()}
+        return {name: unread.get(name) or beyond.get(name) or text for name, text in limit_texts.items()}
 
     @property
     def runs(self) -> tuple[PlannedRun, ...]:
@@ -166,7 +166,7 @@ def make_plan(
     Examples
     --------
     >>> from ipmclab.rig.channels import THESIS_RIG
-    >>> from ipmclab.rig.experiments.experiment import experiment_from_table
+    >>> from ipmclab.rig.experiments.experiment_file import experiment_from_table
     >>> table = {"sample": "strip-1", "signal": "step 1 V", "rate": "50 Hz", "duration": "40 s", "fingerprint": False}
     >>> plan = make_plan(experiment_from_table(table), THESIS_RIG, bytes_free=10**9)
     >>> plan.seconds, [run.rows for run in plan.runs]
@@ -186,7 +186,7 @@ def make_plan(
     needed = BALLAST
     for run in (step.run for step in steps if step.run is not None):
         remarks += _check_run(run, rig, limits, where)
-        # Of each channel its values, its raw volts and its quality; beside them what the output gave.
+        # Of each channel its values, its raw volts and its quality; with them what the output gave.
         columns = ["output", *3 * ["voltage", *run.measured]]
         needed += free_space_needed(rate=run.rate, duration=run.seconds, columns=columns, ballast=0)
     if actuator is not None and "current" in experiment.measured:
@@ -292,8 +292,8 @@ def _check_run(run: PlannedRun, rig: Rig, limits: Limits, where: str) -> list[st
             where=f"{where}: signal",
             repair=error.repair,
         ) from error
-    told = limits.remarks(run.signal, run.duration, run.rate)
-    return [f"{shortened(str(run.signal))}: {text}" for text in told if run.purpose == "signal"]
+    remarks = limits.remarks(run.signal, run.duration, run.rate)
+    return [f"{shortened(str(run.signal))}: {text}" for text in remarks if run.purpose == "signal"]
 
 
 def _current_remarks(experiment: Experiment, rig: Rig, limits: Limits, actuator: Actuator) -> list[str]:
@@ -355,7 +355,7 @@ def check_answers(plan: Plan, answers: Mapping[str, str]) -> None:
         question = known.get(name)
         if question is None:
             raise InputError(
-                f"no step {name!r} asks anything",
+                f"no step {name!r} asks a question",
                 code="unknown-step",
                 where=f"answer {name}",
                 repair=suggest(name, known),

@@ -1,4 +1,4 @@
-"""What an operator asks of an experiment while it goes on, from any thread."""
+"""What an operator asks of an experiment while it continues, from any thread."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Ending = Literal["stop", "abort", "zero"]
 
 
 class Requests:
-    """How an experiment is to end, and what is to be noted; a run that is being recorded is told at once."""
+    """How an experiment is to end, and what is to be noted; a run that is being recorded gets it at once."""
 
     def __init__(self) -> None:
         self._lock = threading.RLock()

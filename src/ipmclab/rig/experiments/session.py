@@ -63,7 +63,7 @@ class Session:
     guardian : Heartbeat, optional
         Armed whenever the output may be away from 0 V.
     chamber : ChamberWatch, optional
-        Set to the conditions of the plan, and told to stand by at the end, whatever ended it.
+        Set to the conditions of the plan, and set to standby at the end, whatever ended it.
 
     ``run`` does it all in the calling thread; ``stop``, ``abort``, ``zero`` and ``mark`` may be called from any other.
     """
@@ -128,7 +128,7 @@ class Session:
         return self._requests.is_over()
 
     def tell(self, message: Message) -> None:
-        """Tell all who listen."""
+        """Send to all who listen."""
         self._operator.tell(message)
 
     def note(self, text: str, *, passing: bool = False) -> None:
@@ -146,7 +146,7 @@ class Session:
         Raises
         ------
         InputError
-            An environment that never settles, before the strip has seen a volt.
+            An environment that never settles, before the strip had any voltage.
         IpmclabError
             The hardware or the disk failed; ``recorded`` has what was kept.
         """
@@ -159,7 +159,7 @@ class Session:
                 self._do(step)
         except BaseException:
             self._safe()
-            with contextlib.suppress(IpmclabError):  # what failed first is told
+            with contextlib.suppress(IpmclabError):  # what failed first is reported
                 self._air.leave()
             raise
         else:
@@ -248,9 +248,9 @@ class Session:
 
     def _act_as_operator(self, words: str) -> None:
         """What an operator would do, at a bench that has no operator."""
-        hands = getattr(self._bench, "hands", None)
-        if hands is not None and self._bench.origin == "virtual bench":
-            hands(words)
+        operate = getattr(self._bench, "operate", None)
+        if operate is not None and self._bench.origin == "virtual bench":
+            operate(words)
 
     def _clamp(self, *, kept: bool) -> None:
         if self._experiment.mounting_id is not None:
@@ -260,7 +260,7 @@ class Session:
             if self._mounting is not None:
                 return
             self.note(f"no earlier mounting of {self._experiment.sample.id} is known here: it gets a new id")
-        # Its date tells people which clamping it was, the rest keeps two rigs apart.
+        # Its date shows people which clamping it was, the rest distinguishes two rigs.
         self._mounting = f"{datetime.now():%Y%m%d-%H%M%S}-{uuid4().hex[:4]}"
 
     def _rest(self, seconds: float) -> None:
@@ -289,22 +289,22 @@ class Session:
                 self.note("the fingerprint shows nothing: no step of the current, or a strip still discharging")
                 return
             self.note(f"fingerprint: {found}")
-            told = fingerprint.differences(found, known)
-            if not told:
+            differing = fingerprint.differences(found, known)
+            if not differing:
                 return
-            self.note("; ".join(told))
+            self.note("; ".join(differing))
             if clampings == _MOST_CLAMPINGS:
                 raise IpmclabError(
-                    f"clamped again {clampings} times, and still {'; '.join(told)}",
+                    f"clamped again {clampings} times, and still {'; '.join(differing)}",
                     code="fingerprint-outside",
                     where=f"sample {self._experiment.sample.id}",
                     repair="look at the strip and its contacts; --answer fingerprint=continue records it as it is",
                 )
-            question = replace(FINGERPRINT, text=f"{'; '.join(told)}: {FINGERPRINT.text}", again=clampings > 0)
+            question = replace(FINGERPRINT, text=f"{'; '.join(differing)}: {FINGERPRINT.text}", again=clampings > 0)
             answer = self._ask(question)
             if self._requests.is_over():
                 return
-            self._remarks.append(f"fingerprint outside the earlier ones ({'; '.join(told)}): {answer}")
+            self._remarks.append(f"fingerprint outside the earlier ones ({'; '.join(differing)}): {answer}")
             if answer == "continue":
                 return
             again = ("hydrate", "clamp") if answer == "hydrate" else ("clamp",)
@@ -372,7 +372,7 @@ class Session:
                 journal=lambda header: self._archive.begin(header, live, word),
                 control=control,
                 heartbeat=self._guardian,
-                listeners=Listeners(live.block, live.mark, on_end, on_air, self._tell_preload),
+                listeners=Listeners(live.block, live.mark, on_end, on_air, self._report_preload),
                 finish=self._tare_again if force and self._tares else None,
             )
         except BaseException:
@@ -418,14 +418,14 @@ class Session:
         return replace(about, **self._air.known)
 
     def _read_tare(self) -> None:
-        """What the load cell tells with the tip clear of it."""
+        """What the load cell reads with the tip clear of it."""
         began = self._clock.now
         tare = read_tare(self._bench, self._experiment.rate, when="before", duration=self._experiment.zero_time)
         self._tares = (tare,)
         self._clock.passed(self._experiment.zero_time, since=began)
         self.note(f"tare {1e3 * tare.value:.3g} mN")
 
-    def _tell_preload(self, preload: ZeroReading) -> None:
+    def _report_preload(self, preload: ZeroReading) -> None:
         drift = f", drifts by {1e6 * preload.drift:.2g} uN/s" if preload.drift is not None else ""
         self.note(f"preload {1e3 * preload.value:.3g} mN{drift}", passing=True)
 

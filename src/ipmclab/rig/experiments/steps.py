@@ -13,14 +13,14 @@ from ipmclab.rig.experiments import fingerprint
 from ipmclab.rig.experiments.environments import TargetEnvironment
 from ipmclab.rig.experiments.experiment import Experiment
 from ipmclab.rig.experiments.visits import Visit, visits
-from ipmclab.rig.safety.limits import AIR
+from ipmclab.rig.safety.limit import AIR
 from ipmclab.signals import Samples, Signal, Step
 from ipmclab.signals import Sequence as SignalSequence
 from ipmclab.signals.signal import shortened
 from ipmclab.units import MASS, Quantity, parse_quantity
 
 CHAMBER: Final = ("chamber-on", "equilibrium", "chamber-off")
-"""The steps that are taken anew for each condition."""
+"""The steps that are taken again for each condition."""
 
 MOST_DRIFT: Final = 5e-6
 """The preload has settled when it drifts by less [N/s]: 0.2 mN in 40 s, against signals of 0.5 to 3.7 mN."""
@@ -189,7 +189,7 @@ def planned_steps(experiment: Experiment, rig: Rig) -> tuple[PlannedStep, ...]:
     Examples
     --------
     >>> from ipmclab.rig.channels import THESIS_RIG
-    >>> from ipmclab.rig.experiments.experiment import experiment_from_table
+    >>> from ipmclab.rig.experiments.experiment_file import experiment_from_table
     >>> table = {"sample": "strip-1", "signal": "step 1 V", "rate": "50 Hz", "duration": "40 s"}
     >>> [step.name for step in planned_steps(experiment_from_table(table), THESIS_RIG)]
     ['hydrate', 'clamp', 'fingerprint', 'pause', 'zero', 'preload', 'apply', 'hydrate']
@@ -277,7 +277,7 @@ def planned_runs(experiment: Experiment, visit: Visit | None = None) -> Iterator
 
 
 def fingerprint_step(experiment: Experiment) -> PlannedStep:
-    """The short run at 0.1 V that tells whether the strip is still as it was."""
+    """The short run at 0.1 V that shows whether the strip is still as it was."""
     run = PlannedRun(
         signal=Step(fingerprint.VOLTAGE),
         purpose="fingerprint",

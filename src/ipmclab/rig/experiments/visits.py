@@ -39,8 +39,8 @@ def visits(
 ) -> tuple[Visit, ...]:
     """Every visit of an experiment, in order.
 
-    A palindromic order goes up the list and down again. Each condition then stands at mirrored times, so that a drift
-    that is linear in time looks like no function of the environment. The reference stands at mirrored times too.
+    A palindromic order goes up the list and down again. Each condition then is at mirrored times, so that a drift
+    that is linear in time looks like no function of the environment. The reference is at mirrored times too.
 
     Parameters
     ----------

@@ -1,1 +1,1 @@
-"""Rig files: read, checked, written; the rigs that come along."""
+"""Rig files: read, checked, written; the rigs that are included."""

@@ -89,19 +89,19 @@ def chamber_table(settings: ChamberSettings) -> dict[str, Any]:
     ['30 percent', '95 percent']
     """
     plain = ChamberSettings(settings.driver)
-    told: dict[str, Any] = {"driver": settings.driver}
+    table: dict[str, Any] = {"driver": settings.driver}
     for key in ("port", "address", "baud_rate", "parity", "unit", "table", "run_event"):
         if getattr(settings, key) != getattr(plain, key):
-            told[key] = getattr(settings, key)
+            table[key] = getattr(settings, key)
     if settings.patience is not None:
-        told["patience"] = f"{settings.patience:.15g} s"
+        table["patience"] = f"{settings.patience:.15g} s"
     if settings.temperature is not None:
-        told["temperature"] = [f"{end:.15g} degC" for end in settings.temperature]
+        table["temperature"] = [f"{end:.15g} degC" for end in settings.temperature]
     if settings.relative_humidity is not None:
-        told["relative_humidity"] = [f"{end:.15g} percent" for end in settings.relative_humidity]
+        table["relative_humidity"] = [f"{end:.15g} percent" for end in settings.relative_humidity]
     if settings.cell_temperature is not None:
-        told["cell_temperature"] = f"{settings.cell_temperature:.15g} degC"
-    return told
+        table["cell_temperature"] = f"{settings.cell_temperature:.15g} degC"
+    return table
 
 
 def _check_line(table: ChamberTable, where: str) -> None:

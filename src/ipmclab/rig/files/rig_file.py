@@ -114,7 +114,7 @@ def rig_from_text(text: str, *, where: str = "rig", folder: Path | None = None) 
 
 
 class _Place(str):
-    """Where in the file something stands: ``place / "range"`` is the key below."""
+    """Where in the file something is: ``place / "range"`` is the key below."""
 
     def __truediv__(self, key: object) -> _Place:
         return _Place(f"{self}{'' if self.endswith(': ') else '.'}{key}")
@@ -242,12 +242,13 @@ def _check_sensor(channel: Channel, sensor: tuple[float, float], place: _Place) 
         )
     if lost is not None and not low <= lost <= high:
         raise (place / "lost").refuse(
-            f"{lost:g} V is beyond the range {low:g} V to {high:g} V", "give what the sensor gives when it sees nothing"
+            f"{lost:g} V is beyond the range {low:g} V to {high:g} V",
+            "give the reading of the sensor when nothing is in its range",
         )
     if lost is not None and ends[0] <= lost <= ends[1]:
         raise (place / "lost").refuse(
             f"{lost:g} V is a reading: the sensor gives {ends[0]:g} V to {ends[1]:g} V",
-            "give what the sensor gives when it sees nothing, beyond these",
+            "give the reading of the sensor when nothing is in its range, outside these",
         )
 
 

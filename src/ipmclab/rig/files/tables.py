@@ -1,4 +1,4 @@
-"""The tables of a rig file as they stand there: known keys, texts where quantities belong."""
+"""The tables of a rig file as they are there: known keys, texts where quantities belong."""
 
 from __future__ import annotations
 

@@ -50,7 +50,7 @@ def read(file: Path) -> tuple[str, str]:
 
 
 def failures(folder: Path) -> list[tuple[Path, str]]:
-    """The guardians of a laboratory folder that have not seen their output at 0 V, with what they said."""
+    """The guardians of a laboratory folder that have not read their output at 0 V, with what they said."""
     found = []
     for file in sorted((folder / "recording").glob(f"*{SUFFIX}")):
         state, text = read(file)

@@ -44,11 +44,11 @@ class Recorder:
     def __init__(self, file: Path) -> None:
         self.file = file
         try:
-            told = json.loads(file.read_text(encoding="utf-8"))
-            host, port = str(told["address"]).rsplit(":", 1)
-            token = bytes.fromhex(told["token"])
-            self.process = int(told["process"])
-            self.about: dict[str, Any] = told
+            document = json.loads(file.read_text(encoding="utf-8"))
+            host, port = str(document["address"]).rsplit(":", 1)
+            token = bytes.fromhex(document["token"])
+            self.process = int(document["process"])
+            self.about: dict[str, Any] = document
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise IpmclabError(
                 "the address of the recorder cannot be read",
@@ -75,7 +75,7 @@ class Recorder:
             ) from error
 
     def request(self, kind: str, **values: Any) -> bool:
-        """Ask for something; False where it is not taken in: ``next`` tells whether the recorder is gone."""
+        """Ask for something; False where it is not taken in: ``next`` shows whether the recorder is gone."""
         timer = threading.Timer(PROMPT, hang_up, [self._connection])
         timer.daemon = True
         timer.start()
@@ -114,7 +114,7 @@ class Recorder:
             ) from error
 
     def close(self) -> None:
-        """Leave; the recorder goes on."""
+        """Leave; the recorder continues."""
         self._connection.close()
 
 
@@ -266,7 +266,7 @@ def launch(module: str, job: dict[str, Any]) -> Recorder:
     with process.stdout:
         line = process.stdout.readline().decode(errors="replace")
     try:
-        told = json.loads(line)
+        document = json.loads(line)
     except ValueError:
         process.wait()
         raise IpmclabError(
@@ -275,15 +275,15 @@ def launch(module: str, job: dict[str, Any]) -> Recorder:
             where="record",
             repair="report what it printed",
         ) from None
-    if "error" in told:
+    if "error" in document:
         process.wait()
-        raise error_from(told["error"])
+        raise error_from(document["error"])
     # It may outlive this process; where this one lives longer, somebody has to take note of its end.
     threading.Thread(target=process.wait, name="recorder process", daemon=True).start()
-    return Recorder(Path(told["file"]))
+    return Recorder(Path(document["file"]))
 
 
 def error_from(document: dict[str, Any]) -> IpmclabError:
-    """The error that a document of ``IpmclabError.as_dict`` tells, with its exit status."""
+    """The error that a document of ``IpmclabError.as_dict`` describes, with its exit status."""
     kind = InputError if document.get("exit_status") == InputError.exit_status else IpmclabError
     return kind(document["message"], code=document["code"], where=document["where"], repair=document["repair"])

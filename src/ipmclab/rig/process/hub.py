@@ -30,10 +30,10 @@ _LONGEST_QUEUE: Final = 2000
 """Messages that a client may be behind; one that is further behind is let go."""
 
 _PASSING: Final = ("block", "air")
-"""Messages for those who asked for readings; who comes later is not told them."""
+"""Messages for those who asked for readings; who comes later does not get them."""
 
 _NEWEST: Final = ("progress", "chamber", "equilibrium")
-"""Messages of which who comes later is told the newest only."""
+"""Messages of which who comes later gets the newest only."""
 
 _BLOCKS_BEHIND: Final = 200
 """Messages behind which a client gets no more blocks until it has caught up."""
@@ -45,7 +45,7 @@ OnRequest = Callable[[Message], None]
 
 
 class _Client:
-    """One client: a thread reads what it asks for, another sends it what it is told."""
+    """One client: a thread reads what it asks for, another sends it its messages."""
 
     def __init__(self, connection: Connection) -> None:
         self.connection = connection
@@ -81,9 +81,9 @@ def _others_may_steer(file: Path, why: str) -> str:
 
 
 class Hub:
-    """Listens on 127.0.0.1, lets in who knows the token, and tells every client the same.
+    """Listens on 127.0.0.1, lets in who knows the token, and sends every client the same.
 
-    A client that comes late is told first what happened before, blocks excepted. A client that is slow misses
+    A client that comes late first gets what happened before, blocks excepted. A client that is slow misses
     blocks; one that is gone is forgotten. Nothing that a client does or leaves undone delays ``tell``.
 
     Parameters
@@ -109,10 +109,10 @@ class Hub:
         self.alone_since = time.monotonic()
         self._address = host, port = self._listener.address
         self.file = folder / f"{secrets.token_hex(4)}{SUFFIX}"
-        told = {"address": f"{host}:{port}", "token": self._token.hex(), "process": os.getpid(), **(about or {})}
+        head = {"address": f"{host}:{port}", "token": self._token.hex(), "process": os.getpid(), **(about or {})}
         new = self.file.with_suffix(".new")  # whoever looks for recorders finds a whole file or none
         try:
-            open_to_others = write_for_owner_only(new, json.dumps(told) + "\n")
+            open_to_others = write_for_owner_only(new, json.dumps(head) + "\n")
             move_file(new, self.file)
         except OSError:
             self._listener.close()
@@ -133,7 +133,7 @@ class Hub:
         return sum(client.answers for client in list(self._clients))
 
     def tell(self, message: Message) -> None:
-        """Tell all clients, at once and without waiting for any."""
+        """Send to all clients, at once and without waiting for any."""
         is_block = message.kind in _PASSING
         message = replace(message, at=time.time()) if message.at is None else message
         payload = encode(message)
@@ -150,7 +150,7 @@ class Hub:
                 client.queue.put(payload)
 
     def _remember(self, message: Message) -> None:
-        """Keep a message for who comes later; of some kinds only the newest since anything else was told."""
+        """Keep a message for who comes later; of some kinds only the newest since anything else was sent."""
         for place in range(len(self._past) - 1, -1, -1):
             if message.kind not in _NEWEST or self._past[place].kind not in _NEWEST:
                 break
@@ -220,7 +220,7 @@ class Hub:
                 elif request.kind in REQUESTS:
                     self._on_request(request)
         except (OSError, EOFError, IpmclabError):
-            pass  # it is gone, or speaks another language: the run goes on without it
+            pass  # it is gone, or speaks another language: the run continues without it
         finally:
             with self._lock:
                 self._forget(client)

@@ -28,7 +28,7 @@ to the clients
 ``block``        ``first_row`` and an array for each channel [SI]
 ``air``          ``time``, and those of ``SLOW_CHANNELS`` that are read
 ``condition``    the chamber is brought to another condition: ``number``, ``of``, ``name``
-``chamber``      what the chamber tells of itself: ``temperature``, ``relative_humidity``, their set points, ``mode``,
+``chamber``      what the chamber reports of itself: ``temperature``, ``relative_humidity``, their set points, ``mode``,
                  ``is_still``, ``alarms``
 ``equilibrium``  how far the waiting for it has come: ``waited``, ``longest``, ``settled_for``, ``settle``, ``is_over``
 ``progress``     ``rows`` read and ``acknowledged`` (on disk), ``of`` as many as the run will have
@@ -36,7 +36,7 @@ to the clients
                  operator wanted (``stop``, ``abort`` or ``zero``) or because a limit was passed (``limit``), and only
                  what follows it is still recorded
 ``note``         something to know: ``text``
-``recorded``     a run stands on disk: ``path``, ``state``, ``state_reason``, ``purpose``, ``findings``
+``recorded``     a run is on disk: ``path``, ``state``, ``state_reason``, ``purpose``, ``findings``
 ``ended``        the last message: ``status``, and ``error`` where it failed
 ===============  =================================================================================
 """
@@ -76,7 +76,7 @@ class Message:
         What JSON can hold.
     arrays : mapping of name to float array, shape (n,)
     at : float, optional [s since 1970]
-        When it was told first: who comes later is told again.
+        When it was sent first: who comes later gets it again.
     """
 
     kind: str
@@ -120,8 +120,8 @@ def decode(payload: bytes) -> Message:
         (length,) = _LENGTH.unpack_from(payload)
         head = json.loads(payload[_LENGTH.size : _LENGTH.size + length])
         kind, values, lengths = head["kind"], head["values"], head["arrays"]
-        told_at = head.get("at")
-        told_at = float(told_at) if isinstance(told_at, int | float) else None
+        sent_at = head.get("at")
+        sent_at = float(sent_at) if isinstance(sent_at, int | float) else None
         if not (isinstance(kind, str) and isinstance(values, dict) and isinstance(lengths, dict)):
             raise TypeError("a field of another kind")
         at = _LENGTH.size + length
@@ -140,4 +140,4 @@ def decode(payload: bytes) -> Message:
             where="recorder",
             repair="use the same version of ipmclab at both ends",
         ) from error
-    return Message(kind, values, arrays, told_at)
+    return Message(kind, values, arrays, sent_at)

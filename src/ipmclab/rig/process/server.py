@@ -1,7 +1,8 @@
 """The recorder's own process: bench, guard and journal live here, and every client only talks to it.
 
-A terminal that closes and a page that is reloaded are clients that left: the run goes on, guarded, and who comes later
-joins it. A signal of the system (SIGINT, SIGTERM, SIGHUP, Ctrl-Break) ends the run at once with the output at 0 V.
+A terminal that closes and a page that is reloaded are clients that left: the run continues, guarded, and who comes
+later joins it. A signal of the system (SIGINT, SIGTERM, SIGHUP, Ctrl-Break) ends the run at once with the output at 0
+V.
 """
 
 from __future__ import annotations
@@ -72,7 +73,7 @@ class ClientOperator:
         self._answers.update(answers)
 
     def tell(self, message: Message) -> None:
-        """Tell all clients."""
+        """Send to all clients."""
         if self.hub is not None:
             self.hub.tell(message)
 
@@ -178,12 +179,12 @@ class ClientOperator:
             try:
                 self._answer = self._open.check(str(request.values.get("value", "")))
             except InputError as error:
-                told: Message | None = Message("note", {"text": str(error), "passing": True})
+                note: Message | None = Message("note", {"text": str(error), "passing": True})
             else:
-                told = None
+                note = None
             self._changed.notify_all()
-        if told is not None:
-            self.tell(told)
+        if note is not None:
+            self.tell(note)
 
     def _alone_too_long(self, since: float) -> bool:
         """Whether nobody who could answer has been there for too long, counted from the question at the earliest."""

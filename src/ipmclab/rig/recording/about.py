@@ -26,7 +26,7 @@ NO_CHARGE: Final = 0.01
 
 
 class About:
-    """Gathers what is kept with a run beside its rows.
+    """Gathers what is kept with a run in addition to its rows.
 
     Parameters
     ----------

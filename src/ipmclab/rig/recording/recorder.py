@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Final, Unpack
 
 from ipmclab.errors import IpmclabError
 from ipmclab.model.request import MOST_ROWS
-from ipmclab.platform import told_to_end
+from ipmclab.platform import on_end_request
 from ipmclab.rig.bench import Bench
 from ipmclab.rig.channels import Rig
 from ipmclab.rig.recording.control import Control
@@ -21,8 +21,8 @@ from ipmclab.rig.recording.zeroing import Rest, read_rest, wait_for_preload
 from ipmclab.rig.request import check_measured, check_rate
 from ipmclab.rig.rows import RowSource
 from ipmclab.rig.safety.guarded_bench import GuardedBench
-from ipmclab.rig.safety.own_clock import OPENING, own_pauses_told
-from ipmclab.rig.safety.session_end import told_of_the_end
+from ipmclab.rig.safety.own_clock import OPENING, own_pauses_reported
+from ipmclab.rig.safety.session_end import on_session_end
 from ipmclab.run import SLOW_CHANNELS, Mark, Run, ZeroReading
 from ipmclab.signals import Signal
 
@@ -45,7 +45,7 @@ def record(
 ) -> Run:
     """Apply a signal at a bench and record the response, in memory.
 
-    Before the record the channels are read at rest: what the laser and the load cell tell then (its
+    Before the record the channels are read at rest: what the laser and the load cell read then (its
     preload) is subtracted from every reading. Each row is read just before the output changes, so
     that a signal which acts from row 0 shows from row 1 on, and the run has the hold ``zero-before``.
     The output is brought to 0 V at the end, also after an error, and when a limit is passed; the run is
@@ -61,7 +61,7 @@ def record(
     heartbeat : Heartbeat, optional
         Armed while the output may differ from 0 V.
     on_block : callable of Rows, optional
-        Called with the rows of each block, after the guard has seen them.
+        Called with the rows of each block, after the guard has checked them.
     on_mark : callable of Mark, optional
         Called with what happens: limits, gaps, notes.
     duration : float [s]
@@ -78,7 +78,7 @@ def record(
     Raises
     ------
     InputError
-        A signal that is longer than the duration, larger than the output gives or than the strip stands,
+        A signal that is longer than the duration, larger than the output gives or than the strip withstands,
         displacement and force at once, an unknown channel, fewer than 2 rows or more than 20 million.
     IpmclabError
         The bench failed. The exception has what was recorded as ``run``, and so has a KeyboardInterrupt.
@@ -142,7 +142,7 @@ def capture(
     ------
     InputError, IpmclabError
         What cannot be recorded, before a volt was given out. A KeyboardInterrupt, a request to end (SystemExit) or a
-        fault of a callback goes on to the caller, with the output at 0 V and what was kept marked as aborted.
+        fault of a callback passes to the caller, with the output at 0 V and what was kept marked as aborted.
     """
     played, rows, rate = request.played(MOST_ROWS if journal is None else MOST_ROWS_IN_JOURNAL)
     request = replace(request, rate=rate)
@@ -157,8 +157,8 @@ def capture(
         attendants.control.abort(why)
         bench.zero()
 
-    with told_to_end(bench.zero), told_of_the_end(leave), _closing(guarded) as closed:
-        with own_pauses_told(OPENING):
+    with on_end_request(bench.zero), on_session_end(leave), _closing(guarded) as closed:
+        with own_pauses_reported(OPENING):
             guarded.open(recording.names, rate)
         try:
             rest = _rest_before(guarded, recording, request, attendants.listeners)

@@ -1,4 +1,4 @@
-"""One recording at a bench: its rows are guarded, kept and told, and it ends with the output at 0 V."""
+"""One recording at a bench: its rows are guarded, kept and reported, and it ends with the output at 0 V."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from ipmclab.rig.recording.zeroing import Rest, read_rest
 from ipmclab.rig.rows import RowSource
 from ipmclab.rig.safety.guard import Alarm, Guard, rows_out_of_order
 from ipmclab.rig.safety.guarded_bench import GuardedBench, output_stuck
-from ipmclab.rig.safety.limits import AIR
+from ipmclab.rig.safety.limit import AIR
 from ipmclab.rig.scaling import Scaling
 from ipmclab.run import SLOW_CHANNELS, Mark, Run, RunMetadata, ZeroReading
 
@@ -112,7 +112,7 @@ class Attendants:
     heartbeat : Heartbeat, optional
         Watches over it.
     listeners : Listeners
-        Are told.
+        Get the events.
     """
 
     control: Control
@@ -215,11 +215,11 @@ class Recording:
                     self._heartbeat.explain(failure)
                 if self._listeners.on_mark is not None:  # at once: a frozen chassis takes long to be brought to 0 V
                     self._listeners.on_mark(Mark(self._time, str(error), "bench"))
-            finally:  # also when the program is told to end: an output that is not at 0 V is told all the same
-                told, error = error, self._zero(error)
+            finally:  # also when the program is asked to end: an output that is not at 0 V is reported all the same
+                first_error, error = error, self._zero(error)
                 about = self._about.after(about)
                 if error is not None:
-                    self._keep_failure(error, is_told=error is told)
+                    self._keep_failure(error, is_reported=error is first_error)
             if error is None and not self._hurried:
                 about, error = self._after(about, finish)
         except BaseException as fault:
@@ -287,7 +287,7 @@ class Recording:
                 self._alarm(alarm)
             for request in self._control.take():
                 self._ask(request.kind, request.text)
-        except BaseException:  # such as an output that could not be brought to 0 V: that is told, not a full disk
+        except BaseException:  # such as an output that could not be brought to 0 V: that is reported, not a full disk
             with suppress(IpmclabError):
                 self._keep(rows, slow, values)
             raise
@@ -297,7 +297,8 @@ class Recording:
         return rows
 
     def _slow(self, temperature: FloatArray) -> dict[str, FloatArray]:
-        """What slow instruments have read since the block before: the rig's thermometer, and those beside the bench."""
+        """What slow instruments have read since the block before: the rig's thermometer, and those outside the
+        bench."""
         slow = {} if self._request.slow is None else dict(self._request.slow())
         if len(temperature):
             slow["temperature"] = temperature
@@ -305,8 +306,8 @@ class Recording:
 
     def _felt(self, slow: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
         """The air by which the strip is guarded: that of the sensors at the strip, else that of the chamber's own."""
-        felt = {name: slow.get(name if name in self._at_strip else f"chamber_{name}") for name in AIR}
-        return {name: readings for name, readings in felt.items() if readings is not None}
+        air = {name: slow.get(name if name in self._at_strip else f"chamber_{name}") for name in AIR}
+        return {name: readings for name, readings in air.items() if readings is not None}
 
     def _keep(self, rows: Rows, slow: Mapping[str, FloatArray], values: Mapping[str, FloatArray]) -> None:
         self._keeper.rows(rows)
@@ -328,7 +329,7 @@ class Recording:
         if is_end:
             self.alarm = alarm
             self._fail(str(alarm))
-            self._zero_and_go_on(self._discharge_rows)
+            self._zero_and_continue(self._discharge_rows)
         self._mark(Mark(alarm.time, str(alarm), "limit"), is_end=is_end)
 
     def _ask(self, kind: str, text: str) -> None:
@@ -339,16 +340,16 @@ class Recording:
             if self._guard.is_zeroed:
                 return
             text = self.reason = f"stopped by the operator at {self._time:.6g} s"
-            self._zero_and_go_on(min(self._rest_rows, self._rows - self._next_row))
+            self._zero_and_continue(min(self._rest_rows, self._rows - self._next_row))
         else:  # also while a rest or a discharge is being recorded
             self._hurried = True
             self._fail(text)
-            self._zero_and_go_on(self._discharge_rows)
+            self._zero_and_continue(self._discharge_rows)
             if kind == "abort":
                 self._last_row = self._next_row
         self._mark(Mark(self._time, text, "stop"), is_end=True)
 
-    def _zero_and_go_on(self, more: int) -> None:
+    def _zero_and_continue(self, more: int) -> None:
         """Bring the output to 0 V, and record so many rows more."""
         self._hold(ZEROING_TIME)
         self._bench.zero()
@@ -362,20 +363,20 @@ class Recording:
             self.state, self.reason = "aborted", reason
 
     def _mark(self, mark: Mark, *, is_end: bool = False) -> None:
-        """Keep what happened, and tell it: what ended the signal, with the rows that the run will have."""
+        """Keep what happened, and report it: what ended the signal, with the rows that the run will have."""
         self._keeper.mark(mark)
         if is_end and self._listeners.on_end is not None:
             self._listeners.on_end(mark, self._stop)
         elif self._listeners.on_mark is not None:
             self._listeners.on_mark(mark)
 
-    def _keep_failure(self, error: IpmclabError, *, is_told: bool) -> None:
-        """Keep what ended the recording, and tell it where nobody was told yet."""
+    def _keep_failure(self, error: IpmclabError, *, is_reported: bool) -> None:
+        """Keep what ended the recording, and report it where nobody knows yet."""
         self._fail(str(error))
         mark = Mark(self._time, str(error), "bench")
         with suppress(IpmclabError):  # it may be the journal that failed
             self._keeper.mark(mark)
-        if not is_told and self._listeners.on_mark is not None:
+        if not is_reported and self._listeners.on_mark is not None:
             self._listeners.on_mark(mark)
 
     def _hold(self, seconds: float) -> None:
@@ -383,7 +384,7 @@ class Recording:
             self._heartbeat.hold(seconds)
 
     def _zero(self, error: IpmclabError | None) -> IpmclabError | None:
-        """Bring the output to 0 V; the first failure is the one that is told.
+        """Bring the output to 0 V; the first failure is the one that is reported.
 
         The guardian is let go of only when that succeeded: otherwise the silence makes it act.
         """
@@ -409,7 +410,7 @@ class Recording:
                 found += finish(self._bench)
         except IpmclabError as error:
             if error.code in DRIVEN:
-                self._keep_failure(error, is_told=False)
+                self._keep_failure(error, is_reported=False)
                 if self._heartbeat is not None:  # it was let go of: its silence makes it act, as after any such failure
                     with suppress(IpmclabError):
                         self._heartbeat.arm(block_rows(self._rate) / self._rate)

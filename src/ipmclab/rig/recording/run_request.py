@@ -59,7 +59,7 @@ class RunRequest:
     discharge : float [s]
         How long is recorded after a limit was passed, or after an emergency zero.
     slow : callable, optional
-        Gives at once what slow instruments beside the bench, such as a chamber, have read since the last call: for
+        Gives at once what slow instruments outside the bench, such as a chamber, have read since the last call: for
         each of ``SLOW_CHANNELS`` that they read a float array, perhaps an empty one.
 
     Raises
@@ -112,7 +112,7 @@ class RunRequest:
         Parameters
         ----------
         most : int
-            Rows that can be kept; a source that goes on until it is ended is ended there.
+            Rows that can be kept; a source that continues until it is ended is ended there.
 
         Raises
         ------
@@ -151,12 +151,12 @@ class RunOptions(TypedDict, total=False):
 
 @dataclass(frozen=True)
 class Listeners:
-    """Who is told what happens while a run is recorded; what they raise ends it.
+    """Who is called with what happens while a run is recorded; what they raise ends it.
 
     Parameters
     ----------
     on_block : callable of Rows, optional
-        The rows of each block, after the guard has seen them.
+        The rows of each block, after the guard has checked them.
     on_mark : callable of Mark, optional
         What happens: limits, gaps, notes.
     on_end : callable of Mark and int, optional

@@ -1,4 +1,4 @@
-"""What the channels tell at rest: read before and after a run, kept beside the data, never edited into it.
+"""What the channels read at rest: read before and after a run, kept with the data, never edited into it.
 
 A force needs two zeros. The tare is read with the tip clear of the load cell, the preload with the tip on it at 0 V,
 once it has stopped drifting; the force is the reading less the preload. What preload and zeros change by during a run
@@ -21,7 +21,7 @@ from ipmclab.rig.channels import Channel, Rig
 from ipmclab.rig.safety.guard import Guard
 from ipmclab.rig.safety.guarded_bench import output_stuck
 from ipmclab.rig.safety.limits import Limits
-from ipmclab.rig.safety.own_clock import OPENING, own_pauses_told
+from ipmclab.rig.safety.own_clock import OPENING, own_pauses_reported
 from ipmclab.rig.scaling import Scaling
 from ipmclab.run import SLOW_CHANNELS, ZeroReading
 from ipmclab.signals import Step
@@ -38,7 +38,7 @@ LONGEST_WAIT: Final = 600.0
 """How long [s] a preload may take to settle."""
 
 LEAST_ROWS: Final = 3
-"""A reading at rest has so many rows at least: fewer tell neither its noise nor its drift."""
+"""A reading at rest has so many rows at least: fewer show neither its noise nor its drift."""
 
 NOISE_MARGIN: Final = 4.0
 """A reading within so many standard deviations of its noise above the tare is one without contact."""
@@ -104,7 +104,7 @@ def read_rest(
     guard.zeroed(-1)
     plain = Scaling([bench.rig[name] for name in names if name in ("voltage", "current")], {})
     blocks = []
-    with own_pauses_told("while the channels were read at 0 V") as clock:
+    with own_pauses_reported("while the channels were read at 0 V") as clock:
         for block in bench.apply(Step(0.0), max(LEAST_ROWS, round(duration * rate))):
             clock.progress()
             alarms = guard.look(block.first_row, plain.values(block.readings)) if "voltage" in names else ()
@@ -142,13 +142,13 @@ def read_tare(bench: Bench, rate: float, *, when: When, duration: float = ZERO_T
     >>> from ipmclab import load_actuator
     >>> from ipmclab.rig.virtual import VirtualBench
     >>> bench = VirtualBench(load_actuator("friend-2"))
-    >>> bench.hands("tip clear")
+    >>> bench.operate("tip clear")
     >>> tare = read_tare(bench, 50.0, when="before")
     >>> tare.kind, abs(tare.value) < 0.1e-3
     ('tare', True)
     """
     names = ("voltage", "force")
-    with own_pauses_told(OPENING):
+    with own_pauses_reported(OPENING):
         bench.open(names, rate)
     try:
         return read_rest(bench, names, rate, when=when, duration=duration, force="tare")["force"]
@@ -228,7 +228,7 @@ def is_discharged(rig: Rig, rest: Rest) -> bool | None:
     -------
     discharged : bool or None
         True where the current ended within its noise and one step of its converter of zero; False where it was
-        larger at the beginning, as that of a discharge is. None where it stands still beside zero, which may as well
+        larger at the beginning, as that of a discharge is. None where it is constant away from zero, which may as well
         be an offset of the converter, and where no current was read.
     """
     if "current" not in rest.ends:
@@ -283,8 +283,9 @@ def uncertainties(channels: Iterable[Channel], zeros: Iterable[ZeroReading]) -> 
     """The standard uncertainty of the zero and the scale of each channel [SI].
 
     It joins that of the calibration, that of the reading at rest, and what the reading at rest changed by during the
-    run: when it changed is not known, so the error is taken as evenly spread between none of the change and all of it,
-    which is change/sqrt(3). What is not subtracted has no part in it: a current after a run is that of the discharge.
+    run: when it changed is not known, so the error is taken as evenly distributed between none of the change and all
+    of it, which is change/sqrt(3). What is not subtracted has no part in it: a current after a run is that of the
+    discharge.
 
     Examples
     --------
@@ -302,7 +303,7 @@ def uncertainties(channels: Iterable[Channel], zeros: Iterable[ZeroReading]) -> 
         for kind in {zero.kind for zero in of_channel}:
             before = [zero for zero in of_channel if zero.kind == kind and zero.when == "before"]
             after = [zero for zero in of_channel if zero.kind == kind and zero.when == "after"]
-            # The tare tells where there is no contact: its change is that of the sensor, and so in the preload too.
+            # The tare shows where there is no contact: its change is that of the sensor, and so in the preload too.
             if kind == "tare" or not channel.zeroed:
                 continue
             if before:
@@ -317,9 +318,9 @@ def uncertainties(channels: Iterable[Channel], zeros: Iterable[ZeroReading]) -> 
 
 def _ends(channel: Channel, volts: FloatArray) -> tuple[float, float, float]:
     """Means over the first and the last fifth, and the standard deviation of one, from the scatter in both."""
-    told = channel.gain * volts + channel.offset
-    count = max(1, len(told) // 5)
-    first, last = told[:count], told[-count:]
+    scaled = channel.gain * volts + channel.offset
+    count = max(1, len(scaled) // 5)
+    first, last = scaled[:count], scaled[-count:]
     # Of neighbours, so that a discharge does not count as noise.
     steps = np.concatenate([np.diff(first), np.diff(last)])
     deviation = math.sqrt(float(np.mean(steps**2)) / 2.0 / count) if len(steps) else 0.0
@@ -327,16 +328,16 @@ def _ends(channel: Channel, volts: FloatArray) -> tuple[float, float, float]:
 
 
 def _summary(channel: Channel, volts: FloatArray, rate: float, kind: Kind, when: When) -> tuple[ZeroReading, float]:
-    """What a channel told at rest, and the noise of a single reading."""
+    """What a channel read at rest, and the noise of a single reading."""
     if channel.is_lost(volts).any():
         raise IpmclabError(
-            "the sensor sees no strip at rest",
+            "the strip at rest is not in the range of the sensor",
             code="no-reading-at-rest",
             where=channel.name,
             repair="bring the strip into the middle of its range",
         )
     value = channel.to_quantity(float(np.mean(volts)))
-    told = channel.gain * volts + channel.offset
+    scaled = channel.gain * volts + channel.offset
     count = len(volts)
     if count < LEAST_ROWS:
         raise IpmclabError(
@@ -346,7 +347,7 @@ def _summary(channel: Channel, volts: FloatArray, rate: float, kind: Kind, when:
             repair="rows were lost: give this computer less to do, then record again",
         )
     time = (np.arange(count) - (count - 1) / 2.0) / rate
-    slope = float(time @ told) / float(time @ time)
-    left = told - told.mean() - slope * time
+    slope = float(time @ scaled) / float(time @ time)
+    left = scaled - scaled.mean() - slope * time
     noise = math.sqrt(float(left @ left) / (count - 2))
     return ZeroReading(channel.name, kind, when, value, noise / math.sqrt(count), slope), noise

@@ -1,1 +1,1 @@
-"""What keeps the strip safe: limits, the guard, the layer that hands voltages on, the guardian."""
+"""What keeps the strip safe: limits, the guard, the layer that passes voltages on, the guardian."""

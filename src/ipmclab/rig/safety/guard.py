@@ -19,7 +19,8 @@ import numpy.typing as npt
 
 from ipmclab.errors import IpmclabError
 from ipmclab.rig.channels import Rig
-from ipmclab.rig.safety.limits import AIR, ELECTROLYSIS, MEAN_TIME, Action, Limit, Limits, shown, words
+from ipmclab.rig.safety.limit import AIR, ELECTROLYSIS, MEAN_TIME, Action, Limit, shown, words
+from ipmclab.rig.safety.limits import Limits
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -32,7 +33,7 @@ LEAST_TOLERANCE: Final = 0.02
 """So much [V] the reading of the voltage may exceed any limit by."""
 
 BLIND_TIME: Final = 1.0
-"""A reading that is missing for so long [s] is told: its limit is not watched."""
+"""A reading that is missing for so long [s] is reported: its limit is not watched."""
 
 RESIDUAL_VOLTAGE: Final = 0.1
 """After zeroing the output may still read so much [V]."""
@@ -106,7 +107,7 @@ class Guard:
     Examples
     --------
     >>> from ipmclab.rig.channels import THESIS_RIG
-    >>> from ipmclab.rig.safety.limits import Limit
+    >>> from ipmclab.rig.safety.limit import Limit
     >>> guard = Guard(Limits(current=Limit(0.1, duration=0.04)), 50.0, THESIS_RIG)
     >>> guard.look(0, {"voltage": np.ones(3), "current": np.array([0.0, 0.2, 0.2])})
     ()
@@ -157,8 +158,8 @@ class Guard:
             [degC], [percent] Read by slow instruments some time during the block; those of the readings where one is
             left out or empty.
         given : float array, shape (n_block,) [V], optional
-            What the output was told to give: a busy computer reads rows late that were sampled before the output was
-            brought to 0 V, and those do not show that it is stuck.
+            What the output was commanded to give: a busy computer reads rows late that were sampled before the output
+            was brought to 0 V, and those do not show that it is stuck.
 
         Returns
         -------
@@ -282,12 +283,12 @@ class Guard:
 
 
 class _Watch:
-    """Tells when something has been so for a number of rows without a break.
+    """Reports when something has been so for a number of rows without a break.
 
     Parameters
     ----------
     rows : int
-        From the first row at which it is seen to the row at which the watch acts.
+        From the first row at which it is found to the row at which the watch acts.
     between : int
         Rows from one time that it acts to the next, at least: noise about a limit passes it thousands of times.
     """

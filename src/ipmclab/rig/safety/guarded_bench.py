@@ -1,4 +1,4 @@
-"""The layer that hands voltages to a bench: none beyond the limit of the strip passes it."""
+"""The layer that passes voltages to a bench: none beyond the limit of the strip passes it."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class LimitPassed(IpmclabError):
 
 
 class GuardedBench:
-    """A bench that refuses every voltage beyond the limit of the strip, and clamps what it hands on.
+    """A bench that refuses every voltage beyond the limit of the strip, and clamps what it passes on.
 
     Rows that are played block after block are clamped here, and their readings are guarded by who records them. Single
     rows, read and given out on demand, are guarded here with the same limits: each reading is looked at before the next
@@ -80,7 +80,7 @@ class GuardedBench:
 
     @property
     def origin(self) -> Literal["measured", "virtual bench"]:
-        """That of the bench: a chassis tells what it is once it is open."""
+        """That of the bench: a chassis states what it is once it is open."""
         return self._bench.origin
 
     @property
@@ -137,7 +137,7 @@ class GuardedBench:
         if isinstance(source, SignalRows):
             self._limits.refuse(source.signal, source.length / rate, rate)
             most, output = self._limits.voltage.most, self.rig.output
-            if output.low > -most or output.high < most:  # otherwise it gives all that the strip stands
+            if output.low > -most or output.high < most:  # otherwise it gives all that the strip withstands
                 check_rows(self.rig, source, rate)
 
     def apply(self, source: Signal | RowSource, rows: int | None = None, *, more: int = 0) -> Iterator[Block]:
@@ -167,9 +167,9 @@ class GuardedBench:
     def exchange(self, voltage: float, row: int | None = None) -> dict[str, float]:
         """Read every channel once, then give a voltage out: see ``Bench.exchange``.
 
-        The limits are watched with what was read; the temperature, which a thermometer reads beside the channels, is
-        not. Where one is passed, the output is brought to 0 V, as it is after any other failure. Once it was, also by
-        ``zero`` from elsewhere, only 0 V is given out until the bench is opened again.
+        The limits are watched with what was read; the temperature, which a thermometer reads in addition to the
+        channels, is not. Where one is passed, the output is brought to 0 V, as it is after any other failure. Once it
+        was, also by ``zero`` from elsewhere, only 0 V is given out until the bench is opened again.
 
         Parameters
         ----------
@@ -210,7 +210,7 @@ class GuardedBench:
         return readings
 
     def _act(self, alarms: Sequence[Alarm]) -> None:
-        """Do what limits that were passed ask for: the output goes to 0 V before anyone is told."""
+        """Do what limits that were passed ask for: the output goes to 0 V before anyone is informed."""
         for one in alarms:
             if one.kind == "stuck":
                 raise output_stuck(one)
@@ -238,7 +238,7 @@ class GuardedBench:
         try:
             yield
         except BaseException:
-            with suppress(IpmclabError):  # what failed first is what is told
+            with suppress(IpmclabError):  # what failed first is what is reported
                 self.zero()
             raise
 
@@ -253,7 +253,7 @@ class GuardedBench:
                 repair="open the bench again before another voltage is given out",
             )
         with self._lock:
-            if self._opened is not None:  # first, so that an output that cannot be brought to 0 V is told later as well
+            if self._opened is not None:  # first, so that an output not at 0 V is reported later too
                 self._opened[1].zeroed()
             self._bench.zero()
 

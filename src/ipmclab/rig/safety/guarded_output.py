@@ -26,7 +26,7 @@ class Target:
     address : str, optional
         ``host:port`` of a gRPC server.
     channels : tuple of Channel
-        Which together tell what the output gives; none where nothing does.
+        Which together read what the output gives; none where nothing does.
     between : float [ohm]
         The resistance between the output and the place where the voltage is read.
     """
@@ -62,7 +62,7 @@ class Connection(Protocol):
         """Bring it to 0 V."""
 
     def read(self) -> float:
-        """What it gives [V]. Raises IpmclabError, of code ``"output-unread"`` where that can never be told."""
+        """What it gives [V]. Raises IpmclabError, of code ``"output-unread"`` where that can never be known."""
 
     def close(self) -> None:
         """Let go."""
@@ -81,7 +81,7 @@ def connect(target: Target) -> Connection:
     if target.kind == "file":
         return _FileConnection(target.place)
     if target.kind == "ni":
-        from ipmclab.rig.ni import Resetter
+        from ipmclab.rig.daqmx.reset import Resetter
 
         output = Output(-10.0, 10.0, target.place)
         rig = Rig("guarded", target.channels, target.between, "electrodes", output, bench="ni", address=target.address)

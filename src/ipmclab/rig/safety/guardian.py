@@ -168,8 +168,8 @@ class Guardian:
     def explain(self, failure: IpmclabError) -> None:
         """Put the cause in the place of a failure that only follows from it.
 
-        A program that was stopped, or had no processor, finds all its deadlines passed when it goes on: the server that
-        seems not to answer has answered long ago. The clock tells that, and the guardian what it did meanwhile.
+        A program that was stopped, or had no processor, finds all its deadlines passed when it continues: the server
+        that seems not to answer has answered long ago. The clock tells that, and the guardian what it did meanwhile.
 
         Parameters
         ----------

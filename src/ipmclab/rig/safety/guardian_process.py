@@ -3,7 +3,7 @@
 ``python -m ipmclab.rig.safety.guardian_process TARGET LOG STATUS`` is started by the recorder and connected to it by a
 pipe. It connects to the hardware first; then, while it is armed, it waits for beats. When the pipe breaks (the recorder
 was killed, or crashed) or is silent for half a second (it hangs), it resets the output through its own connection,
-reads it back, and tries until 0 V is read. A reset that met no error is not 0 V: what could not be read is told as
+reads it back, and tries until 0 V is read. A reset that met no error is not 0 V: what could not be read is reported as
 that.
 Nothing that ends the recorder ends the guardian: it is in no group and at no console of the recorder's.
 """
@@ -28,13 +28,13 @@ from ipmclab.errors import IpmclabError
 from ipmclab.platform import go_first, own_stdin, replace_file
 from ipmclab.rig.safety.guarded_output import Connection, Target, connect
 from ipmclab.rig.safety.readback import TOLERANCE
-from ipmclab.rig.safety.session_end import SLEEP, told_of_the_end
+from ipmclab.rig.safety.session_end import SLEEP, on_session_end
 
 ATTEMPT_TIME: Final = 1.5
 """A reset that takes longer [s] has failed: the next one goes through a new connection."""
 
 GIVE_UP: Final = 600.0
-"""How long [s] it goes on trying."""
+"""How long [s] it continues trying."""
 
 LOUD: Final = 3.0
 """After so long [s] without success it says so, loudly; what was reset and cannot be read is given up then."""
@@ -150,24 +150,24 @@ class Watch:
         self._armed, self._has_acted = False, True
         self.say(f"acted {why}")
         self.log(f"{why}: bringing the output {self._target.place} to 0 V")
-        begun, told = time.monotonic(), False
+        begun, is_reported = time.monotonic(), False
         while True:
             reset = self._attempt("reset")
-            seen = self._attempt("read") if reset.failure is None else reset
+            reading = self._attempt("read") if reset.failure is None else reset
             lasted = time.monotonic() - begun
             is_long = lasted > LOUD
-            if reset.failure is None and seen.failure is None and abs(seen.volts) <= TOLERANCE:
+            if reset.failure is None and reading.failure is None and abs(reading.volts) <= TOLERANCE:
                 self.log(f"the output {self._target.place} is at 0 V, {lasted:.3f} s after that")
                 self.note("zero", why)
                 self.say("zero")
                 return True
-            failure = seen.failure or f"it was reset, but {seen.volts:.3g} V are still read"
-            if reset.failure is None and seen.failure is not None and (seen.is_final or is_long):
+            failure = reading.failure or f"it was reset, but {reading.volts:.3g} V are still read"
+            if reset.failure is None and reading.failure is not None and (reading.is_final or is_long):
                 self._leave_unread(failure)
                 return False
             self.log(f"it failed: {failure}")
-            if is_long and not told:
-                told = True
+            if is_long and not is_reported:
+                is_reported = True
                 self.note("failed", f"{self._target.place}: {failure}")
                 self.shout(f"the output {self._target.place} could NOT be brought to 0 V so far: {failure}")
                 self.say(f"failed the output could not be brought to 0 V: {failure}")
@@ -247,8 +247,8 @@ def main(arguments: list[str]) -> int:
         if hasattr(signal, name):
             signal.signal(getattr(signal, name), signal.SIG_IGN)
     go_first()  # before its threads begin
-    told, *files = arguments
-    target = Target.from_json(told)
+    target_text, *files = arguments
+    target = Target.from_json(target_text)
     log, status = (Path(file) if file else None for file in files)
     try:
         connection = connect(target)
@@ -266,7 +266,7 @@ def main(arguments: list[str]) -> int:
         watch.hear("sleep" if why == SLEEP else None)
         over.wait(_LEAVE)
 
-    with told_of_the_end(leave, last=True):
+    with on_session_end(leave, last=True):
         try:
             return watch.run()
         finally:

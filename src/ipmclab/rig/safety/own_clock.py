@@ -1,4 +1,4 @@
-"""A clock of this program's own: it tells a program that was held up from a chassis that does not answer."""
+"""A clock of this program's own: it distinguishes a program that was held up from a chassis that does not answer."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _CONSEQUENCES: Final = ("bench-frozen", "bench-lost")
 class Lateness:
     """How late a thread wakes that does so every so often: so long this program was stopped, or had no processor.
 
-    A program that was stopped finds all its deadlines passed when it goes on, and the server that seems not to answer
+    A program that was stopped finds all its deadlines passed when it continues, and the server that seems not to answer
     has answered long ago.
 
     Parameters
@@ -90,7 +90,7 @@ class OwnClock:
 
 
 @contextmanager
-def own_pauses_told(doing: str) -> Iterator[OwnClock]:
+def own_pauses_reported(doing: str) -> Iterator[OwnClock]:
     """Where this program was held up, a failure inside says so and does not blame the chassis.
 
     Parameters
@@ -100,7 +100,7 @@ def own_pauses_told(doing: str) -> Iterator[OwnClock]:
 
     Examples
     --------
-    >>> with own_pauses_told("while nothing was done") as clock:
+    >>> with own_pauses_reported("while nothing was done") as clock:
     ...     clock.held_up()
     0.0
     """

@@ -15,7 +15,7 @@ TOLERANCE: Final = 0.1
 
 
 def channels_at_output(rig: Rig) -> tuple[str, ...]:
-    """The channels that together tell what the output gives; none where those of the rig cannot.
+    """The channels that together read what the output gives; none where those of the rig cannot.
 
     Examples
     --------
@@ -33,7 +33,8 @@ def resistance_between(rig: Rig) -> float:
 
 
 def at_output(rig: Rig, readings: Mapping[str, float]) -> float | None:
-    """What the output gives [V], from readings [V] as they come from the converters; None when they cannot tell."""
+    """What the output gives [V], from readings [V] as they come from the converters; None when they cannot
+    show it."""
     needed = _needed(rig)
     if not readings.keys() >= set(needed):
         return None
@@ -56,7 +57,7 @@ def left_at_output(rig: Rig, readings: Mapping[str, float]) -> float | None:
     Returns
     -------
     voltage : float or None [V]
-        None when it is within ``TOLERANCE`` of 0 V, or when the channels cannot tell.
+        None when it is within ``TOLERANCE`` of 0 V, or when the channels cannot show it.
 
     Examples
     --------

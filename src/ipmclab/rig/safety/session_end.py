@@ -1,6 +1,6 @@
 """The end of a user's session, and sleep: a computer that is about to leave drives no strip.
 
-A process without a window is told of neither on Windows once it has loaded the library of windows, which NI's driver
+A process without a window gets neither on Windows once it has loaded the library of windows, which NI's driver
 does: so there is a window, which nobody sees, to be told. What these messages come to is in ``answer``. The window was
 run with a stand-in for Windows only.
 """
@@ -16,7 +16,7 @@ from contextlib import contextmanager, suppress
 from typing import Any, Final
 
 Act = Callable[[str], None]
-"""What must not be left undone, told why: it returns when it is done."""
+"""What must not be left undone, called with the reason: it returns when it is done."""
 
 SESSION_ENDS: Final = "the session of the user ends"
 SLEEP: Final = "the computer goes to sleep"
@@ -62,7 +62,7 @@ def _do(act: Act, why: str) -> None:
 
 
 @contextmanager
-def told_of_the_end(act: Act, *, last: bool = False) -> Iterator[None]:
+def on_session_end(act: Act, *, last: bool = False) -> Iterator[None]:
     """While it lasts, ``act`` is called before the session ends and before the computer sleeps, and it does not sleep
     by itself.
 
@@ -70,9 +70,9 @@ def told_of_the_end(act: Act, *, last: bool = False) -> Iterator[None]:
     ----------
     act : callable of str
         From a thread of its own. Elsewhere than on Windows the end of a session is a signal: see
-        ``platform.told_to_end``.
+        ``platform.on_end_request``.
     last : bool
-        Whether other programs are told first: a guardian outlives its recorder.
+        Whether other programs are informed first: a guardian outlives its recorder.
     """
     if sys.platform == "win32":
         window = _Window(act, last)

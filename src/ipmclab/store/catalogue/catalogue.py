@@ -1,4 +1,5 @@
-"""The catalogue of runs: a database that answers what was recorded, and that can always be made anew from the files."""
+"""The catalogue of runs: a database that answers what was recorded, and that can always be made again from the
+files."""
 
 from __future__ import annotations
 
@@ -12,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from ipmclab.errors import InputError, IpmclabError
-from ipmclab.store.catalogue.database import Database, parse_url, url_beside
+from ipmclab.store.catalogue.database import Database, parse_url, url_in_folder
 from ipmclab.store.catalogue.facts import facts_of, finding_columns, problem_text, read_facts, storable
 from ipmclab.store.catalogue.query import STATES as STATES
 from ipmclab.store.catalogue.query import CatalogueRow as CatalogueRow
@@ -94,7 +95,7 @@ class Catalogue:
             )
         url = url or os.environ.get(ENVIRONMENT_VARIABLE) or None
         self._own = url is None
-        self._database = Database(url_beside(self.root) if url is None else parse_url(url), patience)
+        self._database = Database(url_in_folder(self.root) if url is None else parse_url(url), patience)
         self.laboratory = "" if url is None else storable(f"{socket.gethostname()}:{self.root.as_posix()}")
         """What the folder is called in the catalogue: nothing in its own, computer and folder in one that others
         use too."""
@@ -106,7 +107,7 @@ class Catalogue:
 
     @property
     def exists(self) -> bool:
-        """False for a catalogue beside the runs that was not made yet."""
+        """False for a catalogue next to the runs that was not made yet."""
         return not self._own or Path(self._database.where).exists()
 
     def begin(self, uuid: str, metadata: RunMetadata) -> None:
@@ -192,7 +193,7 @@ class Catalogue:
         Parameters
         ----------
         inspect : callable, optional
-            Tells the findings of a run; runs that were not inspected yet are.
+            Returns the findings of a run; runs that were not inspected yet are.
         on_progress : callable, optional
             Called with how many files are done, and of how many.
 
@@ -210,7 +211,7 @@ class Catalogue:
     def rebuild(self, inspect: Inspect | None = None, on_progress: Progress | None = None) -> Sweep:
         """Make the catalogue again from the files of its folder.
 
-        A damaged catalogue beside the runs is kept under another name. Runs of the folder whose files are gone are
+        A damaged catalogue next to the runs is kept under another name. Runs of the folder whose files are gone are
         forgotten; those of other folders stay, unless the tables are of another version.
 
         Parameters
@@ -243,7 +244,7 @@ class Catalogue:
         rows : sequence of CatalogueRow
             Those whose file is in this folder are read.
         inspect : callable
-            Tells the findings of a run.
+            Returns the findings of a run.
         on_progress : callable, optional
 
         Returns
@@ -297,7 +298,7 @@ class Catalogue:
         return {run_id: tuple(those) for run_id, those in found.items()}
 
     def metadata(self, row: CatalogueRow) -> dict[str, Any]:
-        """The whole metadata of a run, as they stand in its document."""
+        """The whole metadata of a run, as they are in its document."""
         from sqlalchemy import select
 
         from ipmclab.store.catalogue.tables import document
@@ -403,7 +404,7 @@ def safely(action: Callable[[], object]) -> IpmclabError | None:
     Returns
     -------
     error : IpmclabError or None
-        Why it did not work, to be told and then let be: the next sweep catches up from the files.
+        Why it did not work, to be reported and then let be: the next sweep catches up from the files.
 
     Examples
     --------
@@ -414,7 +415,7 @@ def safely(action: Callable[[], object]) -> IpmclabError | None:
         action()
     except IpmclabError as error:
         return error
-    except Exception as error:  # whatever a database or a disk may do, the recording goes on
+    except Exception as error:  # whatever a database or a disk may do, the recording continues
         return IpmclabError(
             f"{type(error).__name__}: {error}",
             code="catalogue",

@@ -106,7 +106,7 @@ class Database:
             yield connection
 
     def reset(self) -> None:
-        """Drop the tables of the catalogue, whatever their version, and make them anew.
+        """Drop the tables of the catalogue, whatever their version, and make them again.
 
         Raises
         ------
@@ -301,7 +301,7 @@ def _make_tables(connection: Connection) -> int:
     return tables.VERSION
 
 
-def url_beside(root: Path) -> URL:
+def url_in_folder(root: Path) -> URL:
     """The catalogue that lies in a folder of runs."""
     from sqlalchemy import URL
 

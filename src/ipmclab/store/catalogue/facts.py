@@ -151,8 +151,8 @@ def facts_of(
     document : mapping
         What ``store.document.to_document`` wrote.
     identity : str
-        What tells the run from others, and from its other versions: the SHA-256 of its document, which names the
-        content; empty for one that is being recorded.
+        What distinguishes the run from others, and from its other versions: the SHA-256 of its document, which names
+        the content; empty for one that is being recorded.
     channels : names of its channels
     rows : int, optional
     first, last : float [s]

@@ -19,9 +19,9 @@ class Event:
     ----------
     kind : "out of water", "clamped" or "run"
     time : float [s since 1970]
-        When a strip was clamped is not recorded: it stands at the first run of the mounting.
+        When a strip was clamped is not recorded: it is at the first run of the mounting.
     row : CatalogueRow
-        The run, or the one that tells of it.
+        The run, or the one that shows it.
     """
 
     kind: Kind
@@ -53,7 +53,7 @@ class Life:
 
     @property
     def fingerprints(self) -> tuple[CatalogueRow, ...]:
-        """The runs that tell series resistance and capacitance."""
+        """The runs that give series resistance and capacitance."""
         return tuple(row for row in self.runs if row.series_resistance is not None or row.capacitance is not None)
 
     @property
@@ -68,7 +68,7 @@ class Life:
 
 
 def life_of(sample: str, rows: Sequence[CatalogueRow]) -> Life:
-    """Put the runs of a sample in order, and tell from them when it was taken out of the water and clamped.
+    """Put the runs of a sample in order, and find from them when it was taken out of the water and clamped.
 
     Parameters
     ----------

@@ -41,7 +41,7 @@ def parse_range(text: str, quantity: Quantity, *, where: str, single: bool = Fal
         and one of them may be left out.
     quantity : Quantity
     where : str
-        Where the text stands, for the message.
+        Where the text is, for the message.
     single : bool
         Whether one number alone may be given: a commanded value is exact, a measured one never is.
 
@@ -102,7 +102,7 @@ def parse_moment(text: str, *, where: str, end: bool = False) -> float:
     text : str
         ISO 8601, for example ``2026-11-21`` or ``2026-11-21 14:30``; without an offset the time of this computer.
     where : str
-        Where the text stands, for the message.
+        Where the text is, for the message.
     end : bool
         Whether a date without a time of day means its end.
 

@@ -68,7 +68,7 @@ def sweep_files(database: Database, root: Path, laboratory: str, on_progress: Pr
     Raises
     ------
     IpmclabError
-        The catalogue cannot be read or written. What is wrong with a file is told in the result.
+        The catalogue cannot be read or written. What is wrong with a file is reported in the result.
     """
     from sqlalchemy import select
 

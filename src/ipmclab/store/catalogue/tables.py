@@ -21,7 +21,7 @@ from sqlalchemy import (
 from sqlalchemy.dialects.postgresql import JSONB
 
 VERSION: Final = 2
-"""Of these tables. A catalogue of another version is made anew from the run files: no row is ever migrated."""
+"""Of these tables. A catalogue of another version is made again from the run files: no row is ever migrated."""
 
 _JSON = JSON(none_as_null=True).with_variant(JSONB(none_as_null=True), "postgresql")
 _INTEGER = BigInteger().with_variant(Integer(), "sqlite")  # SQLite counts rows by itself only for INTEGER
@@ -43,7 +43,7 @@ run = Table(
     Column("content_sha256", Text, index=True),
     Column("state", Text),
     Column("state_reason", Text),
-    # The laboratory that it was last seen in, or where it is being recorded.
+    # The laboratory that it was last found in, or where it is being recorded.
     Column("home", Text),
     Column("recorded_at", Text),
     Column("recorded", _DOUBLE, index=True),  # s since 1970
@@ -79,7 +79,7 @@ document = Table(
     Column("run_id", _INTEGER, ForeignKey("ipmclab_run.id", ondelete="CASCADE"), primary_key=True, autoincrement=False),
     Column("metadata", _JSON),
 )
-"""The whole metadata of each run: apart, so that a list of runs need not read past them."""
+"""The whole metadata of each run: separate, so that a list of runs need not read past them."""
 
 file = Table(
     "ipmclab_file",
@@ -92,7 +92,7 @@ file = Table(
     Column("mtime_ns", BigInteger, nullable=False),
     Column("sha256", Text),
     Column("run_id", _INTEGER, ForeignKey("ipmclab_run.id", ondelete="CASCADE"), index=True),
-    # Whether it stands for its run: one of several copies, a sound one where there is one.
+    # Whether it represents its run: one of several copies, a sound one where there is one.
     Column("shown", Boolean, nullable=False, default=False),
     Column("problem_code", Text),
     Column("problem", Text),

@@ -1,4 +1,4 @@
-"""Which format a file name asks for."""
+"""Which format a file name selects."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _FORMATS: Final = {".csv": csv, ".xlsx": xlsx, ".mat": mat}
 
 
 def format_of(path: Path) -> ModuleType:
-    """The export format that a file name asks for by its ending.
+    """The export format that a file name selects by its ending.
 
     Raises
     ------

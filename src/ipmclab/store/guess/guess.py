@@ -1,4 +1,4 @@
-"""A foreign record becomes an import map: what can be seen is taken and said, what cannot be known is asked."""
+"""A foreign record becomes an import map: what can be found is taken and said, what cannot be known is asked."""
 
 from __future__ import annotations
 
@@ -513,9 +513,9 @@ class _Guesser:
             return
         places = {column.name: column.place for column in self.all}
         for channel in self.table["channels"].values():
-            beside = rows.get(places[channel["column"]] - 1)
-            if beside is not None and beside.readings is not None and beside.readings.counts_rows:
-                channel["index"] = beside.name
+            partner = rows.get(places[channel["column"]] - 1)
+            if partner is not None and partner.readings is not None and partner.readings.counts_rows:
+                channel["index"] = partner.name
 
 
 def _number(text: str, where: str) -> float:

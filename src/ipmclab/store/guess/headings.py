@@ -65,7 +65,7 @@ _NOT_READ: Final = frozenset(
         "energy",
     ]
 )
-"""Words beside that of a channel which say that the column is something else."""
+"""Words next to that of a channel which say that the column is something else."""
 
 _ROW: Final = re.compile(
     r"(?:(?:sample|row|scan|point|data|zeile)[ _]*)?(?:index|idx|nr|no|number|nummer|count|counter|sample|row|scan|"
@@ -116,7 +116,7 @@ class Heading:
     unit : str
         In which the numbers are; empty where it says none.
     foreign_unit : str
-        What stands in brackets and is no unit that we know.
+        What is in brackets and is no unit that we know.
     is_commanded : bool
         It names what was asked for, not what was read.
     is_row : bool
@@ -155,7 +155,7 @@ def known_unit(text: str) -> str:
 
 
 def read_heading(text: str, units_row: str | None = None) -> Heading:
-    """What a heading says, with the unit that stands below it where the file has a row of units.
+    """What a heading says, with the unit that is below it where the file has a row of units.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Where the table of numbers stands in a file, and how it is written: separator, decimal mark, encoding, headings."""
+"""Where the table of numbers is in a file, and how it is written: separator, decimal mark, encoding, headings."""
 
 from __future__ import annotations
 
@@ -71,14 +71,14 @@ class _Region:
         """The keys of ``[file]`` for it; ``numbers`` are the lines of the rows, counted from 0."""
         begin = self.first if self.header is None else self.header
         after = 0 if self.header is None else self.first - self.header - 1 - self.has_units
-        told = {
+        layout = {
             "skip_lines": numbers[begin],
             "header": self.header is not None,
             "units_row": self.has_units,
             "skip_rows": after,
         }
         usual = {"skip_lines": 0, "header": True, "units_row": False, "skip_rows": 0}
-        return {key: value for key, value in told.items() if value != usual[key]}
+        return {key: value for key, value in layout.items() if value != usual[key]}
 
 
 def text_layout(path: Path) -> Layout:
@@ -156,8 +156,8 @@ def _of_lines(lines: list[str], path: Path) -> tuple[tuple[int, ...], Layout]:
     file: dict[str, Any] = {"format": "csv", "separator": separator}
     if separator == " " and region.header is None and region.first:
         # Headings of two words ("time (s)") are more cells than columns.
-        apart = re.findall(r"[^\s\[(]+(?:\s*[\[(][^\])]*[\])])?", lines[numbers[region.first - 1]].lstrip("#% "))
-        names = tuple(apart) if len(apart) == region.width else None
+        separate = re.findall(r"[^\s\[(]+(?:\s*[\[(][^\])]*[\])])?", lines[numbers[region.first - 1]].lstrip("#% "))
+        names = tuple(separate) if len(separate) == region.width else None
     cells = [str(cell).strip() for row in region.rows for cell in row]
     commas = [cell for cell in cells if _COMMA.fullmatch(cell)]
     points = [cell for cell in cells if _POINT.fullmatch(cell)]

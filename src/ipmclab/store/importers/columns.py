@@ -76,7 +76,7 @@ class Columns:
     cells : tuple of sequences
         The rows of each column: texts, numbers, None, or an array.
     place : function of (row, column) to str
-        Where a cell stands in the file, in the words of its format.
+        Where a cell is in the file, in the words of its format.
     clocks : tuple of (Clock or None), optional
         When the rows of each column were read, where the file records it.
     units : tuple of str, optional

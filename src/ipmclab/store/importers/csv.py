@@ -26,7 +26,7 @@ Encoding = Literal["utf-8", "utf-16", "cp1252", "latin-1", "cp850", "gbk", "shif
 class CsvFile(Strict):
     """How a text table is written.
 
-    ``separator`` stands between cells, ``decimal`` is the decimal mark; a blank as separator stands for any number
+    ``separator`` is between cells, ``decimal`` is the decimal mark; a blank as separator stands for any number
     of them. ``skip_lines`` lines come before the table; ``header`` says whether its first line names the columns,
     ``units_row`` whether the next one gives their units, and ``skip_rows`` how many more come before the numbers.
     Lines that start with ``comment`` are left out.

@@ -9,7 +9,7 @@ from collections.abc import Iterable
 from typing import Any, Final, Literal, get_args
 
 DateOrder = Literal["year-month-day", "day-month-year", "month-day-year", "time of day"]
-"""How a date is written; a time of day without a date goes on at midnight."""
+"""How a date is written; a time of day without a date continues at midnight."""
 
 DATE_ORDERS: Final[tuple[DateOrder, ...]] = get_args(DateOrder)
 

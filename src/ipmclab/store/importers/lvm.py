@@ -143,7 +143,7 @@ def _moments(tags: dict[str, list[str]], channels: int, where: str) -> list[floa
     if len({pair for pair in zip(days, times, strict=True) if pair[1]}) < 2:
         return [None] * channels
     is_dated = all(day for day, time in zip(days, times, strict=True) if time)
-    # LabVIEW writes more decimals of a second than anything is told apart by.
+    # LabVIEW writes more decimals of a second than anything is distinguished by.
     times = [_DECIMALS.sub(".\\1", time) for time in times]
     cells = [time and f"{day} {time}" if is_dated else time for day, time in zip(days, times, strict=True)]
     try:

@@ -35,7 +35,7 @@ def refuse_nested(path: Path) -> None:
                     with book.open(part) as stream:
                         _Scan(path, part.filename).read(stream)
     except (zipfile.BadZipFile, zlib.error, expat.ExpatError, OSError, EOFError, NotImplementedError, RuntimeError):
-        return  # what is damaged is told by the reader
+        return  # what is damaged is reported by the reader
 
 
 class _Scan:

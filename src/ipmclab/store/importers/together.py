@@ -1,4 +1,4 @@
-"""Which columns of a record were read together: only their rows belong beside each other."""
+"""Which columns of a record were read together: only their rows belong together."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ipmclab.run import FloatArray
 from ipmclab.store.importers.columns import Columns
 
 
-def refuse_apart(columns: Columns, chosen: Mapping[str, int], numbered: Collection[str]) -> None:
+def refuse_separate_rows(columns: Columns, chosen: Mapping[str, int], numbered: Collection[str]) -> None:
     """Refuse columns that were not read together: their rows would stand at wrong times.
 
     Parameters

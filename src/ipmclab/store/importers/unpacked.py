@@ -43,7 +43,7 @@ def refuse_large(path: Path, most: int | None = None) -> None:
         raise InputError(
             "this record is not kept any more", code="no-such-file", where=path.name, repair="choose it once more"
         ) from error
-    except Exception:  # what cannot be unpacked is told by its importer
+    except Exception:  # what cannot be unpacked is reported by its importer
         return
     if size > bound and (most is not None or size > path.stat().st_size):
         raise InputError(

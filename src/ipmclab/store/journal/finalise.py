@@ -1,4 +1,4 @@
-"""A journal becomes a run file: written beside, read back, renamed, and only then is the journal put away.
+"""A journal becomes a run file: written to another name, read back, renamed, and only then is the journal put away.
 
 It is done in a process of its own: the library below netCDF can crash on a full disk, and must not take the recorder
 with it. Doing it again, also after it was killed at any moment, gives the same file.
@@ -112,7 +112,7 @@ def finalise(journal: str | os.PathLike[str], laboratory: Laboratory | str | os.
 
 
 def finish(journal: str | os.PathLike[str], laboratory: Laboratory | str | os.PathLike[str]) -> Finished:
-    """Deal with a journal in a process of its own, and tell what became of it.
+    """Deal with a journal in a process of its own, and report what became of it.
 
     Raises
     ------
@@ -124,13 +124,13 @@ def finish(journal: str | os.PathLike[str], laboratory: Laboratory | str | os.Pa
     done = subprocess.run(command, capture_output=True, check=False, **detached())
     lines = done.stdout.decode(errors="replace").strip().splitlines()
     try:
-        told = json.loads(lines[-1])
+        answer = json.loads(lines[-1])
     except (IndexError, ValueError):
-        told = {}
-    if "outcome" in told:  # all is on the disk by then, also where the library crashes as the process ends
-        return Finished(**told)
-    if "error" in told:
-        raise IpmclabError(**told["error"])
+        answer = {}
+    if "outcome" in answer:  # all is on the disk by then, also where the library crashes as the process ends
+        return Finished(**answer)
+    if "error" in answer:
+        raise IpmclabError(**answer["error"])
     raise IpmclabError(
         f"the program that writes the run file ended with status {done.returncode}",
         code="finalise-failed",
@@ -321,9 +321,9 @@ def main(arguments: list[str]) -> None:
     """``python -m ipmclab.store.journal.finalise JOURNAL LABORATORY``: one JSON line says what became of it."""
     journal, root = arguments
     try:
-        told: dict[str, Any] = asdict(finish_here(Path(journal), Laboratory.open(root)))
+        answer: dict[str, Any] = asdict(finish_here(Path(journal), Laboratory.open(root)))
     except IpmclabError as error:
-        told = {"error": error.as_dict()}
+        answer = {"error": error.as_dict()}
     except (OSError, RuntimeError) as error:  # HDF5 raises RuntimeError on a full disk
         reason = getattr(error, "strerror", None) or _first_line(error)
         failed = IpmclabError(
@@ -332,8 +332,8 @@ def main(arguments: list[str]) -> None:
             where=journal,
             repair="the journal is kept: see that the disk has room and may be written, then: ipmclab recover",
         )
-        told = {"error": failed.as_dict()}
-    sys.stdout.write(json.dumps(told) + "\n")
+        answer = {"error": failed.as_dict()}
+    sys.stdout.write(json.dumps(answer) + "\n")
     sys.stdout.flush()
 
 

@@ -82,7 +82,7 @@ class Damage:
 def read_frames(stream: BinaryIO) -> Iterator[Frame | Damage]:
     """Every whole frame of a journal, in order, and the damage between and after them.
 
-    A damaged frame takes none of its followers with it: reading goes on at the next whole frame with a higher number.
+    A damaged frame takes none of its followers with it: reading continues at the next whole frame with a higher number.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What a guardian wrote of the output, beside the journal of the recorder that it watched over."""
+"""What a guardian wrote of the output, next to the journal of the recorder that it watched over."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class Word:
 
 
 def read_word(file: Path, *, since: float | None = None) -> Word:
-    """What stands in the file of a guardian; where its recorder may just have died, its word is waited for.
+    """What is in the file of a guardian; where its recorder may just have died, its word is waited for.
 
     Parameters
     ----------
@@ -71,8 +71,8 @@ def read_word(file: Path, *, since: float | None = None) -> Word:
 
 def _read(file: Path) -> Word:
     try:
-        told = json.loads(file.read_text(encoding="utf-8"))
-        return Word(str(told["state"]), str(told["text"]), float(told.get("time", 0.0)))
+        document = json.loads(file.read_text(encoding="utf-8"))
+        return Word(str(document["state"]), str(document["text"]), float(document.get("time", 0.0)))
     except FileNotFoundError:
         return Word()
     except (OSError, ValueError, KeyError, TypeError) as error:

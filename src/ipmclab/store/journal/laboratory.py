@@ -19,7 +19,7 @@ from ipmclab.run import RunMetadata
 BALLAST: Final = 64 << 20
 """Bytes that are held back while a run is recorded, so that on a full disk it can still be ended and finished."""
 
-_ROOM_FACTOR: Final = 1.3  # the journal, and the run file beside it: at most 0.3 of it with the 16 bits of a converter
+_ROOM_FACTOR: Final = 1.3  # the journal, and the run file with it: at most 0.3 of it with the 16 bits of a converter
 _LONGEST_WORD: Final = 40
 
 
@@ -48,7 +48,7 @@ class Laboratory:
         ----------
         root : str or path
         create : bool
-            Whether to make it where there is none; the folder that it stands in must be there.
+            Whether to make it where there is none; the folder that it is in must be there.
 
         Raises
         ------
@@ -129,7 +129,7 @@ class Laboratory:
         return tuple(path for age, path in _with_age(self.archive) if age < before)
 
     def run_file(self, uuid: str, metadata: RunMetadata, created_at: str) -> Path:
-        """Where a finished run stands: ``runs/2026/11/20261121_143205_rig1_S2_step_3f2a77c1.nc``.
+        """Where a finished run is: ``runs/2026/11/20261121_143205_rig1_S2_step_3f2a77c1.nc``.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""What stands in a journal, also in one that a crash has cut or that a disk has damaged."""
+"""What is in a journal, also in one that a crash has cut or that a disk has damaged."""
 
 from __future__ import annotations
 
@@ -109,7 +109,7 @@ class JournalRecord:
 
 
 def read_journal(path: str | os.PathLike[str], stream: BinaryIO | None = None) -> JournalRecord:
-    """Read what stands in a journal; it may be one that is still being written.
+    """Read what is in a journal; it may be one that is still being written.
 
     Parameters
     ----------

@@ -137,11 +137,11 @@ def _output(record: JournalRecord) -> str:
 def _marks(record: JournalRecord, known: tuple[Mark, ...]) -> tuple[Mark, ...]:
     rate = record.header.rate
     marks = [*known, *(Mark(e.time, e.text, e.kind) for e in record.events if e.kind not in (ENVIRONMENT, GUARDIAN))]
-    told = [mark.time for mark in marks if mark.kind == "gap"]
+    reported = [mark.time for mark in marks if mark.kind == "gap"]
     gaps = [
         (start, stop)
         for start, stop in record.gaps
-        if not any((start - 1) / rate <= time <= (stop + 1) / rate for time in told)
+        if not any((start - 1) / rate <= time <= (stop + 1) / rate for time in reported)
     ]
     for start, stop in gaps[:_MOST_GAP_MARKS]:
         rows = f"row {start} is" if stop - start == 1 else f"rows {start} to {stop - 1} are"

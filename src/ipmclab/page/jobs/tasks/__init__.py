@@ -34,7 +34,7 @@ WORK: Final = "work"
 
 TASKS: Final[dict[str, Entry]] = {
     "simulate": Entry("simulate", SIMULATE),
-    "bands": Entry("bands", LOOK),  # beside the sliders, which wait for nothing
+    "bands": Entry("bands", LOOK),  # separately from the sliders, which wait for nothing
     "look": Entry("look", LOOK),
     "about": Entry("about", LOOK),
     "baseline": Entry("baseline", LOOK),

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from ipmclab.prediction.scores import Comparison
     from ipmclab.run import Finding, Run
 
-_SHOWN_APART: Final = 400
+_SHOWN_SEPARATELY: Final = 400
 """Parts of a record that can be distinguished on a plot."""
 
 _WHOLE: Final = 0.9
@@ -47,12 +47,12 @@ def finding_row(finding: Finding, run: Run | None = None) -> dict[str, Any]:
 
 
 def _times(finding: Finding, run: Run) -> list[list[float]]:
-    """From when to when a finding is [s], with what no screen could show apart put together.
+    """From when to when a finding is [s], with what no screen could show separately put together.
 
     Nowhere, where it concerns nearly the whole record: a mark would hide what it marks.
     """
     last = len(run.time) - 1
-    near = (run.time[-1] - run.time[0]) / _SHOWN_APART
+    near = (run.time[-1] - run.time[0]) / _SHOWN_SEPARATELY
     times: list[list[float]] = []
     for first, stop in sorted(finding.samples):
         begin, end = float(run.time[min(first, last)]), float(run.time[min(stop, last)])

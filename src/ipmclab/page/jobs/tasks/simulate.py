@@ -32,7 +32,7 @@ _OUTPUTS: Final = ("current", "applied_voltage", "displacement", "force")
 
 
 def run(arguments: dict[str, Any], progress: Progress) -> Frame:  # noqa: ARG001  # it is over before anyone could cancel
-    """Simulate a signal, or the voltage of a run; frequency response and shape beside it.
+    """Simulate a signal, or the voltage of a run; frequency response and shape in addition.
 
     ``actuator`` (name or file), ``changes`` (name to SI value), then ``signal`` with ``duration`` [s],
     ``rate`` [Hz], ``hold`` and the ``folder`` of files that it names, or ``run`` (file). Arrays are in SI units.

@@ -1,4 +1,4 @@
-"""One or several models held against runs that they may never have seen."""
+"""One or several models compared with runs that they may not have been fitted to."""
 
 from __future__ import annotations
 
