@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
-from typing import Final
+from typing import Any, Final
 
 OnProgress = Callable[[str, float], None]
 """Called with a sentence, and with the fraction of the work that is done."""
@@ -103,6 +103,42 @@ def reporting_to(on_progress: OnProgress | None) -> Iterator[None]:
     finally:
         _teller.reset(teller)
         _part.reset(part)
+
+
+_show: ContextVar[Callable[[Any], None] | None] = ContextVar("show", default=None)
+
+
+@contextmanager
+def first_answer_to(show: Callable[[Any], None]) -> Iterator[None]:
+    """Hand what a work within has found first to a function, while the rest of the work goes on.
+
+    Parameters
+    ----------
+    show : function of one argument
+        Of ``identify`` it is called with the ``Fit`` as soon as its parameters are found: with intervals from the
+        standard errors alone, and before it is asked what the model lacks.
+
+    Examples
+    --------
+    >>> from ipmclab import identify, load_actuator, simulate
+    >>> strip = load_actuator("friend-2")
+    >>> run = simulate(strip, "step 1 V", duration=10, rate=20)
+    >>> with first_answer_to(lambda fit: print(sorted(fit.parameters))):
+    ...     fit = identify(strip, run, free=["circuit.dc_resistivity"])
+    ['circuit.dc_resistivity']
+    """
+    token = _show.set(show)
+    try:
+        yield
+    finally:
+        _show.reset(token)
+
+
+def first_answer(make: Callable[[], Any]) -> None:
+    """What a work has found first; it is made only where somebody is shown it."""
+    show = _show.get()
+    if show is not None:
+        show(make())
 
 
 @contextmanager

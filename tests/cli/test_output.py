@@ -1,11 +1,14 @@
-"""What verbs say beside their tables: warnings of the model, and findings in brief."""
+"""What verbs say beside their tables: warnings of the model, findings in brief, and a first answer."""
 
 from __future__ import annotations
 
+import io
+import re
+
 import pytest
 
-from ipmclab import Finding
-from ipmclab.cli.output import print_briefly
+from ipmclab import Finding, identify, load_actuator, simulate
+from ipmclab.cli.output import print_briefly, progress
 from ipmclab.run import Severity
 
 
@@ -95,3 +98,32 @@ def test_warnings_that_ask_for_the_same_stand_together(capsys: pytest.CaptureFix
     assert out.splitlines()[0] == "  warning odd (3 times)"
     assert out.count("-> look at it") == 1
     assert all(f"run {k} is odd" in out for k in range(3))
+
+
+class Terminal(io.StringIO):
+    """What is written to it, as to a terminal."""
+
+    def isatty(self) -> bool:
+        return True
+
+
+def test_a_first_answer_is_shown_while_the_rest_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    strip = load_actuator("friend-2")
+    run = simulate(strip, "step 1 V", duration=10, rate=20)
+    terminal = Terminal()
+    monkeypatch.setattr("sys.stderr", terminal)
+    with progress("identifying") as on_progress:
+        fit = identify(strip, run, free=["circuit.dc_resistivity"], progress=on_progress)
+    shown = terminal.getvalue()
+    assert "First answer" in shown
+    value = re.search(r"circuit.dc_resistivity +([\d.]+) ohm m", shown)
+    assert value is not None
+    assert float(value[1]) == pytest.approx(fit.parameters["circuit.dc_resistivity"].value, rel=1e-3)
+
+
+def test_where_nobody_looks_there_is_no_first_answer(capsys: pytest.CaptureFixture[str]) -> None:
+    strip = load_actuator("friend-2")
+    run = simulate(strip, "step 1 V", duration=10, rate=20)
+    with progress("identifying") as on_progress:
+        identify(strip, run, free=["circuit.dc_resistivity"], progress=on_progress)
+    assert capsys.readouterr() == ("", "")

@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 
 from ipmclab import Fit, InputError, Run, RunMetadata, identify, load_actuator, simulate
+from ipmclab.fit.answer import first_answer
 from ipmclab.model import Actuator, simulate_outputs
+from ipmclab.progress import first_answer_to
 from tests.identification.brief import brief
 from tests.independent.bounds import ELECTRICAL, noisy_current, relative_errors, step_and_sine, strip_of
 
@@ -436,6 +438,29 @@ def test_who_interrupts_the_search_for_missing_stages_keeps_the_fit() -> None:
     assert {name: one.value for name, one in fit.parameters.items()} == {
         name: one.value for name, one in whole.parameters.items()
     }
+
+
+def test_the_first_answer_comes_before_what_the_model_lacks() -> None:
+    """Parameters and what is left are those of the whole fit."""
+    run = record(rate=20.0, duration=5.0)
+    came: list[str] = []
+    first: list[Fit] = []
+
+    def show(fit: Fit) -> None:
+        came.append("the first answer")
+        first.append(fit)
+
+    with first_answer_to(show):
+        fit = identify(FRIEND, run, progress=lambda sentence, _: came.append(sentence))
+    assert came.index("the first answer") < came.index("asking what the model lacks")
+    assert came.count("the first answer") == 1
+    assert {name: one.value for name, one in first[0].parameters.items()} == {
+        name: one.value for name, one in fit.parameters.items()
+    }
+    np.testing.assert_array_equal(first[0].residuals[0]["current"], fit.residuals[0]["current"])
+    said = first_answer(first[0])
+    assert all(name in said for name in fit.parameters)
+    assert "mA (current)" in said
 
 
 def test_who_interrupts_the_intervals_keeps_the_fit() -> None:

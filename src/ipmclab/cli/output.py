@@ -10,12 +10,14 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ipmclab.progress import first_answer_to
 from ipmclab.units import Quantity
 from ipmclab.units import significant as significant
 
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from ipmclab.fit.fit import Fit
     from ipmclab.run import Finding
 
 PIPE_WIDTH = 120
@@ -244,10 +246,16 @@ def counting(what: str) -> Iterator[Callable[[int, int], None]]:
 def progress(what: str) -> Iterator[Callable[[str, float], None]]:
     """Say on a terminal what is being done, until it is done.
 
-    Long work calls the function that is given with a sentence and the fraction that is done.
+    Long work calls the function that is given with a sentence and the fraction that is done. A first answer of a fit is
+    shown above that.
     """
     if not sys.stderr.isatty():
         yield lambda *_: None
         return
-    with console(stderr=True).status(what) as status:
+    from ipmclab.fit.answer import first_answer
+
+    def above(fit: Fit) -> None:
+        status.console.print(first_answer(fit))
+
+    with console(stderr=True).status(what) as status, first_answer_to(above):
         yield lambda sentence, done: status.update(f"{what}: {sentence} ({100.0 * done:.0f} %)")

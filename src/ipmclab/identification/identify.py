@@ -42,7 +42,7 @@ from ipmclab.model.given import need_actuator, need_each_once, need_run
 from ipmclab.model.stages.circuit import SERIES
 from ipmclab.model.stages.leak import SLOW_TIME
 from ipmclab.one_thread import on_one_thread
-from ipmclab.progress import OnProgress, part, reporting_to, stage
+from ipmclab.progress import OnProgress, first_answer, part, reporting_to, stage
 from ipmclab.quality.check import check_record
 from ipmclab.quality.record import Record as Checked
 from ipmclab.quality.usable import noise_only
@@ -206,6 +206,8 @@ def _identify(
         records = [record.without([finding.channel for finding in foreign if finding.channel]) for record in records]
         left_out += foreign
         result = estimate(actuator, names, records)
+    if diagnosed:
+        first_answer(lambda: build_fit(actuator, given, result, (), followed=False))
     diagnoses, lacking = _what_it_lacks(actuator, names, result) if diagnosed else ((), ())
     told = (
         *findings_of_records(records, found, _growing_leak(actuator, result)),
