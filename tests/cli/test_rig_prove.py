@@ -72,6 +72,8 @@ def test_the_list_is_gone_through_with_the_dummy_load(tmp_path: Path, command: C
         assert float(seen[name].found.split()[3]) <= WITHIN
     assert outcome.document["cited"] == proof_of(load_rig(path), path)
     assert "not proven on this hardware: proved against a stand-in on 20" in outcome.document["cited"]
+    assert [item["name"] for item in outcome.document["items"]] == list(seen)
+    assert {key for item in outcome.document["items"] for key in item} == {"name", "what", "status", "seen", "repair"}
 
 
 @pytest.mark.real_time

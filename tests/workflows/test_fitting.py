@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,9 +11,12 @@ import pytest
 
 from ipmclab import Run, identify, leave_one_run_out, load_actuator, profile, simulate, write_run
 from ipmclab.errors import InputError
+from ipmclab.identification.identify import uninterrupted
+from ipmclab.progress import reporting_to
 from ipmclab.store.run_file import read_run
 from ipmclab.workflows import fitting
 from ipmclab.workflows.fitting import fit_of_runs
+from ipmclab.workflows.many_strips import Asked, fit_strips
 
 STRIP = load_actuator("friend-2")
 FREE = ["circuit.dc_resistivity"]
@@ -65,6 +69,42 @@ def test_who_interrupts_what_follows_keeps_the_fit(runs: list[Run], at: str, pro
     assert "not-followed" in {finding.code for finding in fit.findings}
     assert (bool(fit.profiles), fit.left_out) == (profiled, ())
     assert fit.parameters[FREE[0]].value == identify(STRIP, runs, free=FREE).parameters[FREE[0]].value
+
+
+def interrupted_once(at: str) -> Callable[[str, float], None]:
+    """Ctrl-C, pressed where a sentence first comes."""
+    left = [at]
+
+    def interrupt(sentence: str, _: float) -> None:
+        if left and sentence.endswith(left[0]):
+            left.clear()
+            raise KeyboardInterrupt
+
+    return interrupt
+
+
+def test_who_interrupts_the_intervals_waits_for_nothing_that_follows(runs: list[Run]) -> None:
+    """Also where mountings differ, and all of them are fitted after each."""
+    fit = fit_of_runs(STRIP, runs, free=FREE, progress=interrupted_once("errors and intervals"))
+    assert "intervals-not-followed" in {finding.code for finding in fit.findings}
+    assert not fit.profiles
+    assert not fit.left_out
+    mounted = [
+        replace(run, metadata=replace(run.metadata, mounting_id=mounting))
+        for run, mounting in zip([runs[0], replace(runs[1], current=1.5 * runs[1].current)], "ab", strict=True)
+    ]
+    fit = identify(STRIP, mounted, free=FREE, progress=interrupted_once("all mountings: errors and intervals"))
+    assert "intervals-not-followed" in {finding.code for finding in fit.findings}
+
+
+@pytest.mark.parametrize("at", ["asking what the model lacks", "errors and intervals"])
+def test_a_fit_that_is_part_of_more_ends_that_when_it_is_interrupted(runs: list[Run], at: str) -> None:
+    with reporting_to(interrupted_once(at)):
+        fit = identify(STRIP, runs, free=FREE)
+    with pytest.raises(KeyboardInterrupt):
+        uninterrupted(fit)
+    with reporting_to(interrupted_once(at)), pytest.raises(KeyboardInterrupt):
+        list(fit_strips({"a": runs, "b": runs}, Asked(STRIP, FREE)))
 
 
 @pytest.mark.parametrize(("what", "factor"), [("current", 1000.0), ("current", 0.001), ("time", 1000.0)])

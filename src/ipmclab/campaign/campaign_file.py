@@ -309,7 +309,7 @@ def _merged(*tables: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _experiment(keys: Mapping[str, Any], strip: Strip, folder: Path, place: str, shared: set[str]) -> Experiment:
-    """The experiment of one strip; a mistake in a key that all experiments share is reported there."""
+    """The experiment of one strip; a mistake in a key that all experiments share is reported for the shared table."""
     table = {**keys, "sample": strip.sample.id}
     if strip.actuator is not None:
         table["actuator"] = strip.actuator

@@ -22,7 +22,7 @@ from ipmclab.campaign.state import State
 from ipmclab.errors import InputError, IpmclabError
 from ipmclab.fit.fit import Fit
 from ipmclab.fit.fit_file import read_fit, write_fit
-from ipmclab.identification.identify import identify
+from ipmclab.identification.identify import identify, uninterrupted
 from ipmclab.model import Actuator, load_actuator
 from ipmclab.model.stages.beam import YOUNGS_MODULUS
 from ipmclab.model.stages.circuit import SHEET
@@ -322,7 +322,7 @@ def _fitted(start: Actuator, run: Run, free: Sequence[str]) -> Fit | str:
     if len(run) > _MOST_ROWS:
         return f"the run has {len(run)} rows, more than a report waits for; ipmclab identify takes it"
     try:
-        return identify(start, [run], free=free)
+        return uninterrupted(identify(start, [run], free=free))
     except IpmclabError as error:
         return error.message
     except (ArithmeticError, ValueError) as error:  # a report does not end because one strip is like no other

@@ -14,7 +14,7 @@ from ipmclab.campaign.results import RunResult, read_results
 from ipmclab.campaign.state import FILE, as_begun, read_events
 from ipmclab.errors import InputError, IpmclabError
 from ipmclab.fit.fit import Fit
-from ipmclab.identification.identify import identify
+from ipmclab.identification.identify import identify, uninterrupted
 from ipmclab.model import Actuator, load_actuator
 from ipmclab.model.declared import ELECTRICAL, MOTION, in_group
 from ipmclab.model.stages.coupling import ZERO
@@ -189,7 +189,7 @@ def _identified(actuator: Actuator, results: Sequence[RunResult], free: Sequence
         counts = Counter(one.run.condition for one in results)
         used = [one for one in results if one.run.condition == counts.most_common(1)[0][0]]
     runs = [_named(one) for one in used]
-    fit = identify(actuator, runs, free=list(free) or _usual(actuator, runs))
+    fit = uninterrupted(identify(actuator, runs, free=list(free) or _usual(actuator, runs)))
     return KnownSample(fit, tuple(results), used[-1].run.condition)
 
 

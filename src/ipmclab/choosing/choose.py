@@ -25,7 +25,7 @@ from ipmclab.choosing.stages_shown import differing_stages, shown_in_one, stages
 from ipmclab.engine import Engine, Here
 from ipmclab.errors import InputError, IpmclabError
 from ipmclab.fit.fit import Fit
-from ipmclab.identification.identify import INTERRUPTED, identify
+from ipmclab.identification.identify import identify, uninterrupted
 from ipmclab.identification.problem.record import READ_OUTPUTS, prepare
 from ipmclab.model import Actuator
 from ipmclab.one_thread import on_one_thread
@@ -85,7 +85,7 @@ def choose(
     engine : Engine, optional
         Who fits: this process where it is left out. The answer is the same, to the last bit.
     progress : function of (str, int, int), optional
-        Called before each fit: what, how many fits are done, and of how many.
+        Called before each fit with what is fitted, how many fits are done, and of how many.
 
     Returns
     -------
@@ -211,9 +211,7 @@ def _fit_all(given: _Given, asked: _Asked) -> Fit | str:
         fit = identify(asked.model, given.runs, free=asked.free, per_run=asked.per_run, labels=given.labels)
     except (IpmclabError, *_FAULTS) as fault:
         return _why(fault)
-    if not INTERRUPTED.isdisjoint(finding.code for finding in fit.findings):
-        raise KeyboardInterrupt  # who interrupts a choice does not mean the last question of one of its fits
-    return fit
+    return uninterrupted(fit)  # who interrupts a choice does not mean the last question of one of its fits
 
 
 def _fit_without(given: _Given, asked: _Asked) -> Fold | str:

@@ -36,7 +36,7 @@ FOR_THE_FIT: Final = ("force-step.nc", "force-sine.nc")
 """The thesis identified d from the force of these two (section 4.5)."""
 
 PICTURED: Final = "force-square.nc"
-"""The prediction that is in the picture beside the two runs of the fit."""
+"""The prediction that is in the picture with the two runs of the fit."""
 
 _BOUNDS: Final = {"stated": "", "lower_bound": "> ", "upper_bound": "< "}
 

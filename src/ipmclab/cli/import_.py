@@ -239,7 +239,7 @@ def _notes(channels: Mapping[str, Mapping[str, Any]]) -> list[str]:
             shown = ", ".join(read(value, quantity) for value in entry["far_out"][:3])
             more = ", ..." if len(entry["far_out"]) > 3 else ""
             notes.append(
-                f"Besides lost readings, the {quantity.name} has {counted(len(entry['far_out']), 'reading')} far from "
+                f"Next to lost readings, the {quantity.name} has {counted(len(entry['far_out']), 'reading')} far from "
                 f"the others ({shown}{more}): identification leaves such readings out."
             )
     return notes

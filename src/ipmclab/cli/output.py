@@ -55,7 +55,7 @@ def _plain(value: Any) -> Any:
 
 
 def with_unit(value: float | None, unit: str) -> dict[str, float | str | None]:
-    """A number with its SI unit beside it, as it is written to a JSON document."""
+    """A number with its SI unit next to it, as it is written to a JSON document."""
     return {"value": value, "unit": unit}
 
 

@@ -62,7 +62,7 @@ def posterior(
     """
     from ipmclab import load_actuator
     from ipmclab.engine import opened
-    from ipmclab.identification.identify import identify
+    from ipmclab.identification.identify import identify, uninterrupted
 
     reads: list[Path | str] = [*actuator_files(actuator), *runs]
     check_output(out, force=force, suffixes=(".nc",), reads=reads)
@@ -77,7 +77,7 @@ def posterior(
 
         bayes_package("emcee")
         fit = identify(model, loaded, free=free, per_run=per_run, per_mounting=per_mounting, prior=prior, progress=tell)
-        found = sample_posterior(fit, steps=steps, engine=engine, progress=tell)
+        found = sample_posterior(uninterrupted(fit), steps=steps, engine=engine, progress=tell)
         write_posterior(found, out, overwrite=force)
         if figure is not None:
             from ipmclab.reporting.figures.pairs import pairs_figure

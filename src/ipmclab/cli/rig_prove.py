@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import asdict
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -76,7 +75,16 @@ def prove(
                 "bench": proof.bench,
                 "date": proof.date,
                 "cited": cited,
-                "items": [asdict(item) for item in proof.items],
+                "items": [
+                    {
+                        "name": item.name,
+                        "what": item.what,
+                        "status": item.status,
+                        "seen": item.found,
+                        "repair": item.repair,
+                    }
+                    for item in proof.items
+                ],
             }
         )
     else:

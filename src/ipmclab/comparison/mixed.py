@@ -196,7 +196,7 @@ def _indicators(members: Sequence[Any]) -> FloatArray:
 
 
 def _covariance_of(information: FloatArray) -> FloatArray:
-    """Covariance of the components; where nothing distinguishes two of them, of what is told."""
+    """Covariance of the components; where nothing distinguishes two of them, of what is reported."""
     return np.asarray(np.linalg.pinv(information, hermitian=True), dtype=np.float64)
 
 

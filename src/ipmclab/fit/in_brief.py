@@ -44,7 +44,7 @@ _CONTRADICTS: Final = {
 """Facts that contradict each other, in fewer words than their messages."""
 
 _BEYOND: Final = ("above-electrolysis", "leak-extrapolated", "near-resonance", "large-bending", "resonance-aliased")
-"""Where the voltage needs more of the model than it holds for."""
+"""Where the voltage takes the model beyond what it holds for."""
 
 _UNSURE: Final = (
     "at-bound",

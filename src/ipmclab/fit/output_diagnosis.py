@@ -41,7 +41,7 @@ class OutputDiagnosis(Tabled):
     whitened : tuple of float
         Of what is new in each residual under the noise that was found: that is to be white.
     with_voltage : tuple of float
-        Correlation of what is new with the voltage so much earlier, filtered by the same noise, of which what the
+        Correlation of what is new with the voltage so much earlier, whitened by the same noise model, of which what the
         free parameters can imitate is taken off.
     band : float
         Within which 95 % of the correlations of white noise lie.

@@ -141,19 +141,21 @@ def identify_freed(
 ) -> Fit:
     """What ``identify`` does when it is settled what is free, and what of it is known beforehand."""
 
-    def of_these(places: Sequence[int], *, asked: bool = False) -> Fit:
+    def of_these(places: Sequence[int], *, asked: bool = False, kept: bool = False) -> Fit:
         own = None if labels is None else [labels[place] for place in places]
         these = [given[place] for place in places]
-        return _identify(actuator, these, names, own, diagnosed=asked and diagnosed, followed=followed)
+        return _identify(
+            actuator, these, names, own, diagnosed=asked and diagnosed, followed=followed, kept=kept and diagnosed
+        )
 
     every = range(len(given))
     if len(places_of_mountings(enumerate(given))) < 2:
-        return with_cross_checks(of_these(every, asked=True), given)
+        return with_cross_checks(of_these(every, asked=True, kept=True), given)
     with part("each mounting", 0.0, 0.5):
         each = each_mounting(given, of_these)
     with part("all mountings", 0.5, 1.0):
         # Where mountings differ, what one value for all leaves needs no stage.
-        fit = of_these(every, asked=not differ(each, actuator))
+        fit = of_these(every, asked=not differ(each, actuator), kept=True)
     return with_cross_checks(with_mountings(fit, each) if each else fit, given)
 
 
@@ -165,6 +167,7 @@ def _identify(
     *,
     diagnosed: bool,
     followed: bool,
+    kept: bool,
 ) -> Fit:
     stage("reading the runs", 0.0, 0.05)
     outputs = outputs_of_fit(names)
@@ -206,7 +209,7 @@ def _identify(
         records = [record.without([finding.channel for finding in foreign if finding.channel]) for record in records]
         left_out += foreign
         result = estimate(actuator, names, records)
-    if diagnosed:
+    if kept:
         first_answer(lambda: build_fit(actuator, given, result, (), followed=False))
     diagnoses, lacking = _what_it_lacks(actuator, names, result) if diagnosed else ((), ())
     told = (
@@ -215,33 +218,50 @@ def _identify(
         *result.findings,
         *lacking,
     )
+    ended = False
     try:
         stage("errors and intervals", 0.8, 1.0)
         fit = build_fit(actuator, given, result, told, diagnoses, followed=followed)
     except KeyboardInterrupt:
-        if not diagnosed:  # one fit of a longer work, which is to end
+        if not kept:  # one fit of a longer work, which is to end
             raise
-        fit = build_fit(actuator, given, result, (*told, _NO_PROFILES), diagnoses, followed=False)
+        ended = True
+        fit = build_fit(actuator, given, result, (*told, _NOT_FOLLOWED), diagnoses, followed=False)
     beyond = [*beyond_findings(fit, records), *environment_findings(actuator, given, fit, result)]
     if names.priors:
         order = Order(result.problem.in_reference(result.solution.theta, result.problem.records[0].place))
         priors = {order(name): prior for name, prior in names.priors.items()}
         fit = _of_literature(fit, priors)
+        if ended:
+            return with_findings(fit, beyond)
         with part("without what is known beforehand", 0.8, 1.0):
             alone = build_fit(actuator, given, estimate(actuator, names.without_priors, records), ())
         beyond += prior_findings(actuator, priors, fit, alone)
     return with_findings(fit, beyond)
 
 
-INTERRUPTED: Final = frozenset({"stages-not-tried", "intervals-not-followed"})
+NO_STAGES: Final = "stages-not-tried"
+NO_PROFILES: Final = "intervals-not-followed"
 """Codes of findings by which a fit says that it was interrupted, and kept as far as it had come."""
 
-_NO_PROFILES: Final = Finding(
-    "intervals-not-followed",
+_NOT_FOLLOWED: Final = Finding(
+    NO_PROFILES,
     "warning",
-    "the fit was interrupted before its intervals were followed to their ends: they are as wide as the standard errors",
-    "let it run to its end to have intervals that are right where the readings say little",
+    "the fit was interrupted before its intervals were followed to their ends: they are from the standard errors alone",
+    "let it run to its end to have intervals that are right where the readings show little",
 )
+
+
+def uninterrupted(fit: Fit) -> Fit:
+    """A fit that was let run to its end; else Ctrl-C is raised again, and ends the work of which the fit is a part.
+
+    Raises
+    ------
+    KeyboardInterrupt
+    """
+    if any(finding.code in (NO_STAGES, NO_PROFILES) for finding in fit.findings):
+        raise KeyboardInterrupt
+    return fit
 
 
 def _of_literature(fit: Fit, priors: Mapping[str, Prior]) -> Fit:
@@ -278,7 +298,7 @@ def _what_it_lacks(
     except KeyboardInterrupt:
         return (), (
             Finding(
-                "stages-not-tried",
+                NO_STAGES,
                 "warning",
                 "the fit was interrupted before it was asked what the model lacks",
                 "let it run to its end to have the residuals judged and missing stages named",

@@ -53,8 +53,8 @@ def _in_fit(finding: Finding, label: str, growing_leak: GrowingLeak) -> Finding:
     if finding.code == _RISES and growing_leak == "hidden":
         return replace(
             finding,
-            message=f"{label}: {finding.message}; the growing leak of this model is not visible in the other residuals "
-            "of the fit",
+            message=f"{label}: {finding.message}; the growing leak of this model is hidden by the other residuals of "
+            "the fit",
             repair="record longer at this voltage, or identify from the part before the rise",
             values={**finding.values, "hidden": 1.0},
         )

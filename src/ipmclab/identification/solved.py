@@ -23,7 +23,7 @@ class Estimate:
     ``parameters`` are those of the actuator that was given. ``rivals`` are other fits that the
     readings do not distinguish from the solution. ``unseen`` are stages that were taken out of the problem;
     ``beside`` is the fit that still had them, where there are any. ``white`` is the same point in the problem without
-    zeros and slopes of sensors in addition, or the point under the noise where that is as good.
+    the additional zeros and slopes of sensors, or the point under the noise where that is as good.
     """
 
     parameters: Mapping[str, Parameter]

@@ -61,7 +61,7 @@ class Curl:
 
     @property
     def verdict(self) -> Verdict:
-        """``"yes"``: tests are possible here; ``"no"``: they are not; ``"open"``: this record does not show."""
+        """``"yes"``: tests are possible here; ``"no"``: they are not; ``"open"``: this record does not decide."""
         if self.interval[1] * self.test <= self.allowed:
             return "yes"
         return "no" if self.interval[0] * self.test > self.allowed else "open"

@@ -90,7 +90,8 @@ class _Held:
 
     def __init__(self, problem: Problem, theta: FloatArray, moved: list[int]) -> None:
         self._problem, self._theta, self._moved = problem, theta, moved
-        self.lower, self.upper, self.linear = problem.lower[moved], problem.upper[moved], problem.linear[moved]
+        self.lower, self.upper = problem.lower[moved], problem.upper[moved]
+        self.linear, self.added = problem.linear[moved], problem.added[moved]
 
     def full(self, entries: FloatArray) -> FloatArray:
         """The whole vector."""

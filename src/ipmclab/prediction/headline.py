@@ -234,7 +234,7 @@ def compare(actuator: Actuator, run: HeadlineRun, contact_resistance: float = 0.
 
 
 def read(run: HeadlineRun, simulated: Run) -> tuple[Comparison, ...]:
-    """The printed numbers of a run in addition to those of a record of it, number by number."""
+    """The printed numbers of a run next to those of a record of it, number by number."""
     found = []
     for row in run.numbers:
         channel = row.metric.rpartition("_")[2]

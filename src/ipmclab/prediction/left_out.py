@@ -171,8 +171,8 @@ def _most(problem: Problem, theta: FloatArray, place: int) -> float:
 
 
 def _inverse(here: Evaluation) -> FloatArray:
-    """Of the normal equations, without directions of which nothing is known: given by angles between columns, not
-    sizes.
+    """Of the normal equations, without directions of which nothing is known: these are recognised by angles
+    between columns, not by sizes.
 
     A prior a billion times as sharp as the readings would else count them as nothing.
     """

@@ -7,7 +7,7 @@ from typing import Final
 
 from ipmclab.consistency.cross_check import CHECKS
 from ipmclab.fit.fit import Fit
-from ipmclab.identification.identify import identify
+from ipmclab.identification.identify import identify, uninterrupted
 from ipmclab.measurement.uncertain import Uncertain
 from ipmclab.procedure import dc
 from ipmclab.procedure.step import Result, Step, advice_for, assumed_finding
@@ -53,7 +53,7 @@ def branches(name: str, runs: Sequence[tuple[str, Run]], known: Mapping[str, Unc
         " with R_e and R_dc as measured (Friend, eqs 4.3 to 4.6)" if has_dc else " with R_e as measured, R_dc free too"
     )
     actuator = actuator_of(name, known, count)
-    fit = identify(actuator, [run for _, run in runs], free=wanted, labels=[label for label, _ in runs])
+    fit = uninterrupted(identify(actuator, [run for _, run in runs], free=wanted, labels=[label for label, _ in runs]))
     held = {key: amount for key, amount in known.items() if key not in wanted and not key.startswith("beam.")}
     amounts = amounts_of_fit(fit, held, "noise of the current").determined
     parameters = actuator.parameters()

@@ -9,7 +9,7 @@ from typing import Final
 
 from ipmclab.fit.fit import DETERMINED, Fit
 from ipmclab.fit.fit_table import changed
-from ipmclab.identification.identify import identify
+from ipmclab.identification.identify import identify, uninterrupted
 from ipmclab.identification.solved import solved
 from ipmclab.measurement.uncertain import Uncertain
 from ipmclab.procedure.branches import fit_findings
@@ -27,7 +27,7 @@ def as_far_as_determined(fit: Fit) -> Fit:
     """The fit with gain, zero and poles all open where the readings do not show all four, or other fits are as good.
 
     Then they trade against each other, and the curvature at one minimum can call a pole sharp that lies far from
-    the true one; d(0) is in all of them.
+    the true one; d(0) is the same in all of them.
     """
     coupled = {name: one for name, one in fit.parameters.items() if name in NAMES}
     if not solved(fit).rivals and all(one.determined for one in coupled.values()):
@@ -59,7 +59,7 @@ def coupling(name: str, runs: Sequence[tuple[str, Run]], known: Mapping[str, Unc
     branches : int
     """
     actuator = actuator_of(name, known, branches)
-    fit = identify(actuator, [run for _, run in runs], free=NAMES, labels=[label for label, _ in runs])
+    fit = uninterrupted(identify(actuator, [run for _, run in runs], free=NAMES, labels=[label for label, _ in runs]))
     found = amounts_of_fit(as_far_as_determined(fit), known, "noise of the force")
     static, sure = found.product(STATIC), found.determined
     parameters = actuator.parameters()

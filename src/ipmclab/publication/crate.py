@@ -151,7 +151,8 @@ def _with_tables(items: Sequence[Item], place: Path) -> list[Item]:
         path.write_text(text, encoding="utf-8", newline="")
         if name in taken and checksum(taken[name].path) != checksum(path):
             raise InputError(
-                "this table is not that of the runs in its folder, and one of these runs is there in a crate",
+                "this table is not that of the runs in its folder, and one of these runs is inside a crate in that "
+                "folder",
                 code="another-table",
                 where=str(taken[name].path),
                 repair="move it away, or give it another name",

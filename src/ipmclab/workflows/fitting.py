@@ -12,7 +12,7 @@ from ipmclab.consistency.of_fit import units_off
 from ipmclab.errors import InputError
 from ipmclab.fit.fit import Fit
 from ipmclab.fit.fit_table import with_findings
-from ipmclab.identification.identify import identify, outputs_of_fit
+from ipmclab.identification.identify import NO_PROFILES, identify, outputs_of_fit
 from ipmclab.identification.problem.free import parse_free
 from ipmclab.model import Actuator
 from ipmclab.prediction.left_out import leave_one_run_out
@@ -83,6 +83,8 @@ def fit_of_runs(
     with reporting_to(progress):
         with part("", 0.0, 0.8):
             fit = identify(actuator, runs, **asked)
+        if any(finding.code == NO_PROFILES for finding in fit.findings):
+            return fit  # who ended its intervals wants no more of them
         if not thorough and _is_costly(actuator, runs):
             return with_findings(fit, [_not_followed("because each run of the model takes long")])
         with part("", 0.8, 0.9):
@@ -125,6 +127,7 @@ def _not_followed(why: str) -> Finding:
     return Finding(
         "not-followed",
         "info",
-        f"profiles of the parameters, or fits without each run, are not there, {why}: values and intervals stand",
+        f"profiles of the parameters, or fits without each run, are not there, {why}: values and intervals are valid "
+        "without them",
         "identify with --thorough, and let it run to its end, to have them in the report",
     )

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from ipmclab.engine import Engine, Here
 from ipmclab.errors import InputError, IpmclabError
 from ipmclab.fit.fit import Fit
+from ipmclab.identification.identify import uninterrupted
 from ipmclab.model import Actuator
 from ipmclab.prediction.validate import run_labels
 from ipmclab.progress import OnProgress
@@ -106,7 +107,7 @@ def fit_strips(
 
 def _fit(asked: Asked, runs: Sequence[Run]) -> Fit | IpmclabError:
     try:
-        return fit_of_runs(
+        fit = fit_of_runs(
             asked.actuator,
             runs,
             free=asked.free,
@@ -116,5 +117,6 @@ def _fit(asked: Asked, runs: Sequence[Run]) -> Fit | IpmclabError:
             thorough=asked.thorough,
             anyway=asked.anyway,
         )
+        return uninterrupted(fit)
     except IpmclabError as error:
         return error

@@ -25,7 +25,7 @@ from ipmclab.model.declared import is_held
 from ipmclab.model.variants import with_stages
 from ipmclab.run import FloatArray
 
-_EVALUATIONS: Final = 25  # of the model, from where a fit is: enough to see what a stage would explain
+_EVALUATIONS: Final = 25  # of the model, from the point that a fit has reached: they show what a stage explains
 _NEAR: Final = 1e-5  # of the cost
 _BESIDE: Final = 0.1  # of a standard error
 _SAME: Final = 1e-3  # of the cost: two searches that end so near each other have found one minimum
@@ -60,7 +60,7 @@ class Extended:
 def from_here(
     problem: Problem, theta: FloatArray, actuator: Actuator, direction: ScoreDirection, size: float
 ) -> Extended | None:
-    """Fit again with a stage, from where a fit is; None where the stage does not go with it.
+    """Fit again with a stage, from the point that a fit has reached; None where the stage does not go with it.
 
     Parameters
     ----------

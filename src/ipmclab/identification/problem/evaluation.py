@@ -113,3 +113,7 @@ class Solvable(Searched, Protocol):
     @property
     def linear(self) -> Mask:
         """Of each entry."""
+
+    @property
+    def added(self) -> Mask:
+        """Which of the linear ones add the same wherever all others are: they are in no derivative but their own."""

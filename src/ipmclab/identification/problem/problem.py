@@ -126,6 +126,11 @@ class Problem:
         return np.asarray(np.array(kinds, dtype=bool) & ~np.isfinite(self.upper - self.lower))
 
     @cached_property
+    def added(self) -> Mask:
+        """Which of these add the same wherever the others are: what sensors add."""
+        return np.asarray(self.linear & np.array([one.is_of_sensor for one in self.unknowns], dtype=bool))
+
+    @cached_property
     def floors(self) -> dict[tuple[int, str], float]:
         """Noise below which readings cannot be distinguished from the rounding of the model [SI]."""
         return {

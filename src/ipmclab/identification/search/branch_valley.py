@@ -49,7 +49,7 @@ class Tied:
         lower[free] = max(lower[free], total - upper[tied])
         upper[free] = min(upper[free], total - lower[tied])
         self.lower, self.upper = np.delete(lower, tied), np.delete(upper, tied)
-        self.linear = np.delete(problem.linear, tied)
+        self.linear, self.added = np.delete(problem.linear, tied), np.delete(problem.added, tied)
 
     def full(self, theta: FloatArray) -> FloatArray:
         """The vector of the whole problem."""

@@ -19,7 +19,8 @@ _AT_BEST: Final = 1e-3
 """Of chi-square: linear entries that could lower the cost by no more are at their best for what the others do."""
 
 _NEARLY: Final = 0.03
-"""Of a linear entry: the derivatives that grow with it are within as much of those at its best, which serves a step."""
+"""Of a linear entry: the derivatives that grow with it are within as much of those at its best, which serves a step.
+Where none grow with it, as with what a sensor adds, it may be anywhere."""
 
 
 class Projected:
@@ -42,7 +43,7 @@ class Projected:
         self._last = theta.copy()
         self._follow: FloatArray = np.zeros((int(self._linear.sum()), len(self.lower)))
         self._left: FloatArray = np.zeros(len(self._follow))
-        self._rows: FloatArray | None = None
+        self._changes = ~problem.added[self._linear]
         self.evaluations = 0
 
     def evaluate(self, theta: FloatArray) -> Evaluation:
@@ -67,10 +68,8 @@ class Projected:
             self._left = -back @ along[-1]
             if not attempt or along[-1] @ along[-1] <= _AT_BEST * here.cost / len(here.residual):
                 break
-            # What adds the same wherever all others are is in none of their derivatives.
-            changes = np.ones(len(rows), dtype=bool) if self._rows is None else (rows != self._rows).any(axis=1)
-            self._rows = rows
-            if np.all(np.abs(self._left[changes]) <= _NEARLY * np.abs(point[linear][changes])):
+            near = _NEARLY * np.abs(point[linear][self._changes])
+            if np.all(np.abs(self._left[self._changes]) <= near):
                 break
             point[linear] += self._left
         self._last, self._follow = point, -back @ along[:-1].T

@@ -47,7 +47,7 @@ class Pinned:
     def __init__(self, problem: Solvable, place: int, entry: float) -> None:
         self._problem, self._place, self._entry = problem, place, entry
         self.lower, self.upper = np.delete(problem.lower, place), np.delete(problem.upper, place)
-        self.linear = np.delete(problem.linear, place)
+        self.linear, self.added = np.delete(problem.linear, place), np.delete(problem.added, place)
         self._latest: tuple[bytes, Evaluation] | None = None
 
     def evaluate(self, theta: FloatArray) -> Evaluation:
@@ -121,7 +121,8 @@ class Shifted:
 
     def __init__(self, problem: Solvable, shift: FloatArray) -> None:
         self._problem, self._shift = problem, shift
-        self.lower, self.upper, self.linear = problem.lower, problem.upper, problem.linear
+        self.lower, self.upper = problem.lower, problem.upper
+        self.linear, self.added = problem.linear, problem.added
 
     def evaluate(self, theta: FloatArray) -> Evaluation:
         """Residuals and Jacobian."""

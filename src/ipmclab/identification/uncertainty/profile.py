@@ -120,7 +120,7 @@ class Walk:
         return math.inf
 
     def _point(self, trial: float, near: Point, height: float) -> Point | None:
-        """The point at a distance, from one near it; a search that found nothing there is not made again."""
+        """The point at a distance, from one near it; it is searched once, from where it was wanted first."""
         if trial not in self._tried:
             entry = self._middle + self._side * trial
             point = held_at(self._problem, self._solution, self._place, entry, near, height * height)

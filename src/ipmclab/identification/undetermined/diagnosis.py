@@ -117,7 +117,7 @@ def directions(
 def in_order(named: Sequence[Direction], names: Sequence[str]) -> list[Direction]:
     """The same, those first of which the readings say nothing by the first of their large parts among some names.
 
-    None of them comes before another, and a branch gets its number only when all are reported.
+    None of them comes before another, and a branch gets its number only in the report.
     """
     open_ones = list(takewhile(lambda direction: math.isinf(direction.error), named))
 

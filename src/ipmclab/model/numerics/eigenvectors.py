@@ -85,7 +85,7 @@ def eigenvectors(matrix: FloatArray) -> Eigenvectors | None:
 
 
 def _ends(matrix: FloatArray) -> IndexArray:
-    """Where the smallest blocks along the diagonal end above which there is nothing."""
+    """Where the smallest diagonal blocks end that have only zeros to their right."""
     n = len(matrix)
     # How far to the right the rows up to each have an entry.
     reach = np.maximum.accumulate(np.where(matrix != 0.0, np.arange(n), 0).max(axis=1, initial=0))

@@ -31,7 +31,7 @@ class Stage(Protocol):
         """The parameters of this stage."""
 
     def block(self, values: Values) -> Block:
-        """The block for a parameter vector. A port that it both reads and writes is one in which it is."""
+        """The block for a parameter vector. A port that it both reads and writes is one in which it is inserted."""
 
 
 @dataclass(frozen=True)
@@ -109,7 +109,7 @@ class StageKind:
     group : str
         The word that frees its parameters; empty where they are freed by their own names only.
     example : bool
-        Whether an actuator is advised to get it where a group is named that it lacks.
+        Whether a message proposes this stage where a group is named that an actuator lacks.
     counted : bool
         Whether a strip may have several, each with a number behind the prefix.
     one_of : str

@@ -54,5 +54,5 @@ def _fill(board: Board) -> None:
     ]
     head = {"sample": "sample", **{part: part for part in board.parts}}
     if board.models:
-        head["model"] = "model: fit of runs that did not identify it"
+        head["model"] = "model: fit of runs that were not used to identify it"
     plain_table(head, rows, caption="Runs of the campaign")

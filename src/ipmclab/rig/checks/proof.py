@@ -32,7 +32,7 @@ class Item:
         What was tried.
     status : Status
     found : str
-        What was seen, with numbers and units.
+        What was found, with numbers and units.
     repair : str
         What to do where it failed.
     """
