@@ -130,7 +130,7 @@ def test_a_foreign_record_is_imported_by_saying_what_its_columns_are(address: st
 
 def test_a_strip_is_identified_cancelled_compared_saved_and_reported(address: str, open_page, lab: Path) -> None:
     page = open_page(f"{address}/report")
-    page.get_by_text("Stands here once something is chosen").wait_for()
+    page.get_by_text("Shown here once something is chosen").wait_for()
     assert not page.get_by_role("button", name="Copy").count()
     page.goto(f"{address}/identify")
     page.get_by_label("Fit: runs/step.nc").wait_for()

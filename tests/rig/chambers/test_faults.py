@@ -118,10 +118,10 @@ def test_a_late_answer_is_never_taken_for_that_to_the_next_question(tmp_path: Pa
         pytest.skip("no pseudo-terminals")
 
     def ask(kind: Kind) -> None:
-        with paired(kind, tmp_path, patience=1.0) as pair:
+        with paired(kind, tmp_path, patience=2.0) as pair:
             pair.chamber.set(*WANTED)
             for after in range(2):
-                pair.emulator.fault = Fault("late", after=after, lasts=1, seconds=1.5)
+                pair.emulator.fault = Fault("late", after=after, lasts=1, seconds=2.5)
                 told = pair.chamber.read()
                 assert (told.temperature, told.mode) == (WANTED[0], "constant")
                 assert told.humidity_set_point == pytest.approx(WANTED[1], abs=0.1)
