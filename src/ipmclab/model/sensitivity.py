@@ -14,7 +14,7 @@ from ipmclab.model.actuator import Actuator
 from ipmclab.model.joined import Joined
 from ipmclab.model.numerics.dense import law_parts
 from ipmclab.model.numerics.tangents import Scratch, Shape, moves, outputs_along, tangents
-from ipmclab.model.numerics.tangents_modal import LOST, Modes, Slopes, modal_tangents
+from ipmclab.model.numerics.tangents_modal import Modes, Slopes, modal_tangents
 from ipmclab.model.numerics.timeline import Timeline, divided, period_of, timeline
 from ipmclab.model.ports import OUTPUTS, choose_outputs
 from ipmclab.model.request import check_hold, checked_record, state_vector
@@ -28,6 +28,7 @@ FloatArray = npt.NDArray[np.float64]
 
 _POINTS: Final = 8  # runs that differ in a parameter or in their outputs each have one
 _LINES: Final = 16
+_LOST: Final = 1e-8  # of the sum of what its modes answer: how far an output by modes lies from that by steps
 
 
 @dataclass(frozen=True, eq=False)
@@ -272,12 +273,12 @@ def _by_modes(point: _Point, line: Timeline, state: FloatArray, asked: Collectio
     if point.modes is None:
         return None
     at, _ = point.moves(line.durations, moved=False)
-    by_modes, courses, by_parameters, by_states = modal_tangents(point.modes, line, state, by_states="states" in asked)
+    answered, courses, by_parameters, by_states = modal_tangents(point.modes, line, state, by_states="states" in asked)
     # The outputs themselves are those of every other way; for them alone it is as fast.
     values = outputs_along(at, line, state)
     # These must be the modes of this very matrix: where one small entry is all that drives a force, it may be rounding.
-    lost = np.abs(by_modes - values).max(axis=1, initial=0.0)
-    if not np.all(lost <= LOST * np.abs(values).max(axis=1, initial=0.0)):
+    lost = np.abs(answered[0] - values).max(axis=1, initial=0.0)
+    if not np.all(lost <= _LOST * answered[1]):
         return None
     by_delay = np.zeros((len(values), len(courses)))
     if "delay" in asked:

@@ -118,7 +118,7 @@ class Modes(NamedTuple):
 
 def modal_tangents(
     modes: Modes, line: Timeline, state: FloatArray, *, by_states: bool
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+) -> tuple[tuple[FloatArray, FloatArray], FloatArray, FloatArray, FloatArray]:
     """The outputs over a time line and their derivatives, as sums of what the poles answer.
 
     Parameters
@@ -132,7 +132,8 @@ def modal_tangents(
 
     Returns
     -------
-    values : float array, shape (n_outputs, n_time)
+    values, sizes : float array, shapes (n_outputs, n_time) and (n_outputs,)
+        The outputs, and of each the sum of the largest sizes of what its poles answer, which may cancel.
     courses : float array, shape (n_courses, n_time)
         The voltage as it is read, what the poles answer, and the slopes of that.
     by_parameters : float array, shape (n_outputs, n_parameters, n_first)
@@ -154,13 +155,15 @@ def modal_tangents(
         weights = modes.weights(modes.left @ drive, d_drive @ modes.left.T)
         return of_kept(weights[..., np.concatenate([kept, n + kept])] * times)
 
-    def answered(drive: FloatArray, answers: ComplexArray) -> FloatArray:
-        """The outputs, of what the poles answer to a drive."""
+    def answered(drive: FloatArray, answers: ComplexArray) -> tuple[FloatArray, FloatArray]:
+        """The outputs, of what the poles answer to a drive, and the sum of the sizes of that."""
         own = modes.read[:, kept] * (modes.left[kept] @ drive) * times[: len(kept)]
-        return np.asarray((own @ answers[: len(kept)]).real)
+        each = answers[: len(kept)]
+        return (own @ each).real, np.abs(own) @ np.abs(each).max(axis=1, initial=0.0)
 
     voltage = _answers(modes.poles[kept], line, 0.0)
-    values = given.d[:, None] * line.reading + answered(given.b, voltage)
+    values, sizes = answered(given.b, voltage)
+    values += given.d[:, None] * line.reading
     courses = [line.reading[None], voltage.real, voltage.imag[is_pair]]
     by_parameters = [given.d_d.T[:, :, None], *by_drive(given.b, given.d_b)]
     by_initial = [np.zeros((outputs, n, 0))]
@@ -169,14 +172,20 @@ def modal_tangents(
         free = _answers(modes.poles[kept], line, 1.0)
         courses += [free.real, free.imag[is_pair]]
     if moves:  # at rest it stays out of the sum: with more terms, though they are 0, that rounds otherwise
-        values += answered(state, free)
+        from_state, more = answered(state, free)
+        values, sizes = values + from_state, sizes + more
         by_parameters += by_drive(state, np.zeros((len(given.d_b), n)))
     if by_states:
         sees = np.zeros((outputs, n, 2 * len(kept)), dtype=np.complex128)
         seen = modes.read[:, kept, None] * modes.left[kept] * times[: len(kept), None]
         sees[..., : len(kept)] = seen.transpose(0, 2, 1)
         by_initial = [np.zeros((outputs, n, sum(len(one) for one in courses[:3]))), *of_kept(sees)]
-    return values, np.concatenate(courses), np.concatenate(by_parameters, axis=2), np.concatenate(by_initial, axis=2)
+    return (
+        (values, sizes),
+        np.concatenate(courses),
+        np.concatenate(by_parameters, axis=2),
+        np.concatenate(by_initial, axis=2),
+    )
 
 
 def _answers(poles: ComplexArray, line: Timeline, first: float) -> ComplexArray:
