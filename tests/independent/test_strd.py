@@ -119,6 +119,7 @@ class Regression:
         self.lower = np.full(len(certified.parameters), -np.inf)
         self.upper = -self.lower
         self.linear = np.zeros(len(self.lower), dtype=bool)
+        self.added = self.linear
 
     def evaluate(self, theta: np.ndarray) -> Evaluation:
         x, y, step = self.certified.x, self.certified.y, 1e-100

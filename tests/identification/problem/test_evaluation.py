@@ -22,6 +22,7 @@ class _TwoReadingsOfThree:
 
     lower, upper = np.full(3, -9.0), np.full(3, 9.0)
     linear = np.zeros(3, dtype=bool)
+    added = linear
 
     def evaluate(self, theta: np.ndarray) -> Evaluation:
         jacobian = np.array([[2.0, 0.0, 0.0], [0.0, 1.0, 1.0]])

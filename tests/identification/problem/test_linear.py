@@ -61,6 +61,18 @@ def test_what_moves_the_residuals_in_proportion_is_what_is_linear() -> None:
             assert np.allclose(steps[1], 2.0 * steps[0], rtol=1e-6) == is_linear, problem.unknowns[place].name
 
 
+def test_what_is_added_is_in_no_derivative_but_its_own() -> None:
+    """The derivatives by all others are the same wherever it is; by an amplitude of the start they are not."""
+    problem = problem_of(load_actuator("friend-2"), records_of(1), FREE)
+    theta = np.array([one.entry(problem.base.get(one.base, 0.0)) for one in problem.unknowns])
+    plain = problem.evaluate(theta).jacobian
+    assert {one.name for one, added in zip(problem.unknowns, problem.added, strict=True) if added} == OF_SENSOR
+    for place in np.flatnonzero(problem.linear):
+        others = np.arange(len(theta)) != place
+        moved = problem.evaluate(theta + 0.5 * np.eye(len(theta))[place]).jacobian
+        assert np.array_equal(moved[:, others], plain[:, others]) == problem.added[place], problem.unknowns[place].name
+
+
 def test_of_a_run_with_readings_that_are_bounds_nothing_is() -> None:
     first, second = records_of(2)
     reading = second.readings["displacement"]

@@ -27,6 +27,7 @@ class Decay:
     def __init__(self, lower: float = -9.0) -> None:
         self.lower, self.upper = np.array([-9.0, lower]), np.array([9.0, 9.0])
         self.linear = np.zeros(2, dtype=bool)
+        self.added = self.linear
 
     def evaluate(self, theta: np.ndarray) -> Evaluation:
         model = np.exp(theta[0] - np.exp(theta[1]) * TIME)
@@ -54,6 +55,7 @@ class Bent:
     def __init__(self) -> None:
         self.lower, self.upper = np.full(2, -9.0), np.full(2, 9.0)
         self.linear = np.zeros(2, dtype=bool)
+        self.added = self.linear
 
     def evaluate(self, theta: np.ndarray) -> Evaluation:
         one, other = theta
@@ -91,6 +93,7 @@ class HardlyFelt(Decay):
         super().__init__()
         self.lower, self.upper = np.append(self.lower, [-9.0, -9.0]), np.append(self.upper, [9.0, 9.0])
         self.linear = np.zeros(4, dtype=bool)
+        self.added = self.linear
 
     def evaluate(self, theta: np.ndarray) -> Evaluation:
         rows = super().evaluate(theta[:2]).rows

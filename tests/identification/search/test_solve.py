@@ -18,6 +18,7 @@ class Lines:
 
     lower, upper = np.array([-20.0, -20.0, -np.inf]), np.array([2.0, 20.0, np.inf])
     linear = np.array([False, False, True])
+    added = np.zeros(3, dtype=bool)
 
     def __init__(self, little: float) -> None:
         generator = np.random.default_rng(20261123)
@@ -42,6 +43,7 @@ class Meeting:
 
     def __init__(self, *, projected: bool = False) -> None:
         self.linear = np.array([projected] * 3 + [False] * 3)
+        self.added = np.zeros(6, dtype=bool)
         self.time = np.linspace(0.0, 8.0, 400)
         self.readings = 100.0 * self.time**2 * np.exp(-self.time)
         self.readings += np.random.default_rng(20261126).standard_normal(400)
@@ -117,6 +119,7 @@ def test_a_search_without_linear_entries_steps_back_from_what_is_not_finite() ->
 def test_where_all_is_linear_one_step_is_the_answer() -> None:
     lines = Lines(1.0)
     lines.linear = np.ones(3, dtype=bool)
+    lines.added = np.zeros(3, dtype=bool)
     lines.lower, lines.upper = np.full(3, -np.inf), np.full(3, np.inf)
     found = minimise(lines, np.array([-1e6, 1e9, 0.0]))
     assert found.converged

@@ -47,6 +47,7 @@ class Gain:
     lower = np.array([-20.0, -50.0])
     upper = np.array([20.0, 50.0])
     linear = np.zeros(2, dtype=bool)
+    added = linear
     unknowns = (SimpleNamespace(base="coupling.gain"), SimpleNamespace(base="coupling.p1"))
     on_means = None
     responder = None
