@@ -62,11 +62,13 @@ def test_what_moves_the_residuals_in_proportion_is_what_is_linear() -> None:
 
 
 def test_what_is_added_is_in_no_derivative_but_its_own() -> None:
-    """The derivatives by all others are the same wherever it is; by an amplitude of the start they are not."""
-    problem = problem_of(load_actuator("friend-2"), records_of(1), FREE)
+    """The derivatives by all others are the same wherever it is; that by a time constant grows with the ratio."""
+    strip = load_actuator("friend-2+relaxation.displacement")
+    problem = problem_of(strip, records_of(1), f"{FREE},relaxation", starts=0)
     theta = np.array([one.entry(problem.base.get(one.base, 0.0)) for one in problem.unknowns])
     plain = problem.evaluate(theta).jacobian
     assert {one.name for one, added in zip(problem.unknowns, problem.added, strict=True) if added} == OF_SENSOR
+    assert problem.linear.sum() == 1 + problem.added.sum()
     for place in np.flatnonzero(problem.linear):
         others = np.arange(len(theta)) != place
         moved = problem.evaluate(theta + 0.5 * np.eye(len(theta))[place]).jacobian
