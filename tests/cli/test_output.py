@@ -112,7 +112,7 @@ def test_a_first_answer_is_shown_while_the_rest_goes_on(monkeypatch: pytest.Monk
     run = simulate(strip, "step 1 V", duration=10, rate=20)
     terminal = Terminal()
     monkeypatch.setattr("sys.stderr", terminal)
-    with progress("identifying") as on_progress:
+    with progress("identifying", answering=True) as on_progress:
         fit = identify(strip, run, free=["circuit.dc_resistivity"], progress=on_progress)
     shown = terminal.getvalue()
     assert "First answer" in shown
@@ -121,9 +121,20 @@ def test_a_first_answer_is_shown_while_the_rest_goes_on(monkeypatch: pytest.Monk
     assert float(value[1]) == pytest.approx(fit.parameters["circuit.dc_resistivity"].value, rel=1e-3)
 
 
+def test_a_fit_on_the_way_to_another_answer_shows_none_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    strip = load_actuator("friend-2")
+    run = simulate(strip, "step 1 V", duration=10, rate=20)
+    terminal = Terminal()
+    monkeypatch.setattr("sys.stderr", terminal)
+    with progress("sampling") as on_progress:
+        identify(strip, run, free=["circuit.dc_resistivity"], progress=on_progress)
+    assert "sampling" in terminal.getvalue()
+    assert "First answer" not in terminal.getvalue()
+
+
 def test_where_nobody_looks_there_is_no_first_answer(capsys: pytest.CaptureFixture[str]) -> None:
     strip = load_actuator("friend-2")
     run = simulate(strip, "step 1 V", duration=10, rate=20)
-    with progress("identifying") as on_progress:
+    with progress("identifying", answering=True) as on_progress:
         identify(strip, run, free=["circuit.dc_resistivity"], progress=on_progress)
     assert capsys.readouterr() == ("", "")

@@ -102,7 +102,7 @@ def identify(
     check_output(out, force=force, suffixes=(".toml",), reads=[*actuator_files(actuator), *runs])
     model = load_actuator(actuator)
     loaded = read_runs(runs)
-    with progress(f"identifying {model.name}") as tell:
+    with progress(f"identifying {model.name}", answering=True) as tell:
         fit = fit_of_runs(
             model,
             loaded,

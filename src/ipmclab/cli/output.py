@@ -6,7 +6,7 @@ import math
 import sys
 import textwrap
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -243,11 +243,11 @@ def counting(what: str) -> Iterator[Callable[[int, int], None]]:
 
 
 @contextmanager
-def progress(what: str) -> Iterator[Callable[[str, float], None]]:
+def progress(what: str, *, answering: bool = False) -> Iterator[Callable[[str, float], None]]:
     """Say on a terminal what is being done, until it is done.
 
-    Long work calls the function that is given with a sentence and the fraction that is done. A first answer of a fit is
-    shown above that.
+    Long work calls the function that is given with a sentence and the fraction that is done. The first answer of a fit
+    is shown above that where the verb is ``answering`` with that fit.
     """
     if not sys.stderr.isatty():
         yield lambda *_: None
@@ -257,5 +257,5 @@ def progress(what: str) -> Iterator[Callable[[str, float], None]]:
     def above(fit: Fit) -> None:
         status.console.print(first_answer(fit))
 
-    with console(stderr=True).status(what) as status, first_answer_to(above):
+    with console(stderr=True).status(what) as status, first_answer_to(above) if answering else nullcontext():
         yield lambda sentence, done: status.update(f"{what}: {sentence} ({100.0 * done:.0f} %)")
