@@ -41,7 +41,7 @@ def test_the_table_has_the_period_and_counts_what_was_not_read(command, tmp_path
     assert lines[1].split() == ["channel", "lowest", "highest", "sentinels", "missing"]
     assert lines[3].split() == ["displacement", "-80", "mm", "0.499", "mm", "2", "1"]
     text = " ".join(done.out.split())
-    assert "Besides lost readings, the displacement has 1 reading far from the others (-80 mm)" in text
+    assert "Next to lost readings, the displacement has 1 reading far from the others (-80 mm)" in text
     assert "No reading of" not in text
 
 
