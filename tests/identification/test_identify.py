@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from ipmclab import Fit, InputError, Run, RunMetadata, identify, load_actuator, simulate
-from ipmclab.fit.answer import first_answer
+from ipmclab.fit.first_answer import first_answer
 from ipmclab.model import Actuator, simulate_outputs
 from ipmclab.progress import first_answer_to
 from tests.identification.brief import brief

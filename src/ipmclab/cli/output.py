@@ -252,7 +252,7 @@ def progress(what: str, *, answering: bool = False) -> Iterator[Callable[[str, f
     if not sys.stderr.isatty():
         yield lambda *_: None
         return
-    from ipmclab.fit.answer import first_answer
+    from ipmclab.fit.first_answer import first_answer
 
     def above(fit: Fit) -> None:
         status.console.print(first_answer(fit))

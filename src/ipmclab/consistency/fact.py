@@ -11,8 +11,6 @@ from ipmclab.errors import InputError, suggest
 from ipmclab.units import CHANNELS
 
 Waveform = Literal["step", "sine", "square", "push", "flick"]
-
-
 FROM_REST: Final = frozenset({"peak_at_first_edge", "largest", "half_period_end"})
 """Metrics that an unknown zero of the sensor moves; the amplitude of a wave it does not."""
 
@@ -28,11 +26,7 @@ _NEEDS: Final[Mapping[str, tuple[str, ...]]] = {
 
 
 SAME: Final = 0.02  # relative: numbers that are meant to be one, and what of a sine is no harmonic (convention)
-
-
 _WARMER: Final = 1.0  # K (convention)
-
-
 _WETTER: Final = 1.0
 """Differences of temperature [K] and relative humidity [percent] that a strip does not show (convention)."""
 

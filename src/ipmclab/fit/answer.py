@@ -154,32 +154,6 @@ def parameter_rows(fit: Fit) -> tuple[Row, ...]:
     return tuple(rows)
 
 
-def _shown(value: float, quantity: Quantity) -> str:
-    return f"{significant(quantity.to_display(value), 3)} {quantity.display_unit}"
-
-
-def first_answer(fit: Fit) -> str:
-    """A fit as soon as its parameters are found, in lines: these, and what it leaves of each output.
-
-    Examples
-    --------
-    >>> from ipmclab import identify, load_actuator, simulate
-    >>> strip = load_actuator("friend-2")
-    >>> run = simulate(strip, "step 1 V", duration=10, rate=20)
-    >>> print(first_answer(identify(strip, run, free=["circuit.dc_resistivity"])).splitlines()[0])
-    First answer; intervals, and what the model lacks, follow (Ctrl-C keeps the fit):
-    """
-    rows = [(row.name, f"{row.value} {row.unit if row.determined else ''}".rstrip()) for row in parameter_rows(fit)]
-    rows += [
-        (f"residual of {one.label}", f"{_shown(sigma, CHANNELS[output])} ({CHANNELS[output].name})")
-        for one in fit.observations
-        for output, sigma in one.noise.items()
-    ]
-    width = max(len(name) for name, _ in rows)
-    head = "First answer; intervals, and what the model lacks, follow (Ctrl-C keeps the fit):"
-    return "\n".join([head, *(f"  {name:<{width}}  {value}" for name, value in rows)])
-
-
 def prior_in_words(one: FittedParameter) -> str:
     """That something was known of a parameter beforehand, and who knew it; empty where nothing was."""
     if one.prior is None:
@@ -395,6 +369,17 @@ def _size(fit: Fit, label: str, output: str, percent: float | None) -> str:
     if percent is not None:
         return f"{significant(percent, 2)} %"
     size = next(one.noise[output] for one in fit.observations if one.label == label and output in one.noise)
+    return size_in_words(size, output)
+
+
+def size_in_words(size: float, output: str) -> str:
+    """A residual [SI] in the unit that people read.
+
+    Examples
+    --------
+    >>> size_in_words(1.97e-3, "current")
+    '1.97 mA'
+    """
     quantity = CHANNELS[output]
     return f"{significant(quantity.to_display(size), 3)} {quantity.display_unit}"
 

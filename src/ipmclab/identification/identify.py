@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence, Set
 from dataclasses import replace
 from os import PathLike
-from typing import Final
 
 from ipmclab.consistency.of_fit import with_cross_checks
 from ipmclab.errors import InputError
@@ -20,6 +19,7 @@ from ipmclab.identification.environment.inseparable import inseparable
 from ipmclab.identification.environment.next_condition import next_condition
 from ipmclab.identification.environment.with_states import with_states
 from ipmclab.identification.estimate import estimate
+from ipmclab.identification.interrupted import NO_PROFILES, NO_STAGES
 from ipmclab.identification.mountings.mountings import differ, each_mounting, with_mountings
 from ipmclab.identification.of_records import NOISE, GrowingLeak, findings_of_records, left_out_of
 from ipmclab.identification.problem.earlier_fit import as_read_before, fitted_runs
@@ -218,50 +218,24 @@ def _identify(
         *result.findings,
         *lacking,
     )
-    ended = False
     try:
         stage("errors and intervals", 0.8, 1.0)
         fit = build_fit(actuator, given, result, told, diagnoses, followed=followed)
     except KeyboardInterrupt:
         if not kept:  # one fit of a longer work, which is to end
             raise
-        ended = True
-        fit = build_fit(actuator, given, result, (*told, _NOT_FOLLOWED), diagnoses, followed=False)
+        fit = build_fit(actuator, given, result, (*told, NO_PROFILES), diagnoses, followed=False)
     beyond = [*beyond_findings(fit, records), *environment_findings(actuator, given, fit, result)]
     if names.priors:
         order = Order(result.problem.in_reference(result.solution.theta, result.problem.records[0].place))
         priors = {order(name): prior for name, prior in names.priors.items()}
         fit = _of_literature(fit, priors)
-        if ended:
+        if NO_PROFILES in fit.findings:
             return with_findings(fit, beyond)
         with part("without what is known beforehand", 0.8, 1.0):
             alone = build_fit(actuator, given, estimate(actuator, names.without_priors, records), ())
         beyond += prior_findings(actuator, priors, fit, alone)
     return with_findings(fit, beyond)
-
-
-NO_STAGES: Final = "stages-not-tried"
-NO_PROFILES: Final = "intervals-not-followed"
-"""Codes of findings by which a fit says that it was interrupted, and kept as far as it had come."""
-
-_NOT_FOLLOWED: Final = Finding(
-    NO_PROFILES,
-    "warning",
-    "the fit was interrupted before its intervals were followed to their ends: they are from the standard errors alone",
-    "let it run to its end to have intervals that are right where the readings show little",
-)
-
-
-def uninterrupted(fit: Fit) -> Fit:
-    """A fit that was let run to its end; else Ctrl-C is raised again, and ends the work of which the fit is a part.
-
-    Raises
-    ------
-    KeyboardInterrupt
-    """
-    if any(finding.code in (NO_STAGES, NO_PROFILES) for finding in fit.findings):
-        raise KeyboardInterrupt
-    return fit
 
 
 def _of_literature(fit: Fit, priors: Mapping[str, Prior]) -> Fit:
@@ -296,14 +270,7 @@ def _what_it_lacks(
         stage("asking what the model lacks", 0.75, 0.8)
         return diagnose(actuator, names, result)
     except KeyboardInterrupt:
-        return (), (
-            Finding(
-                NO_STAGES,
-                "warning",
-                "the fit was interrupted before it was asked what the model lacks",
-                "let it run to its end to have the residuals judged and missing stages named",
-            ),
-        )
+        return (), (NO_STAGES,)
 
 
 def _refuse_counts(actuator: Actuator, names: FreeParameters) -> None:

@@ -102,14 +102,8 @@ GROUPS: Final = {
 
 
 BY_KEY: Final = {one.key: one for one in FIELDS}
-
-
 _WAITS: Final = {"settle", "longest_wait"}  # of an environment
-
-
 _OF_RANGE: Final = 0.95  # of what a channel reads: beyond it a reading is cut, and no more than a limit
-
-
 Values = dict[str, str | bool]
 
 

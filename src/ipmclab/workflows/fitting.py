@@ -12,7 +12,8 @@ from ipmclab.consistency.of_fit import units_off
 from ipmclab.errors import InputError
 from ipmclab.fit.fit import Fit
 from ipmclab.fit.fit_table import with_findings
-from ipmclab.identification.identify import NO_PROFILES, identify, outputs_of_fit
+from ipmclab.identification.identify import identify, outputs_of_fit
+from ipmclab.identification.interrupted import NO_PROFILES
 from ipmclab.identification.problem.free import parse_free
 from ipmclab.model import Actuator
 from ipmclab.prediction.left_out import leave_one_run_out
@@ -83,7 +84,7 @@ def fit_of_runs(
     with reporting_to(progress):
         with part("", 0.0, 0.8):
             fit = identify(actuator, runs, **asked)
-        if any(finding.code == NO_PROFILES for finding in fit.findings):
+        if NO_PROFILES in fit.findings:
             return fit  # who ended its intervals wants no more of them
         if not thorough and _is_costly(actuator, runs):
             return with_findings(fit, [_not_followed("because each run of the model takes long")])

@@ -35,14 +35,8 @@ from ipmclab.units import (
 )
 
 _REST: Final = "5 s"
-
-
 _PAUSE: Final = "2 min"
-
-
 _ZERO: Final = "10 s"
-
-
 _EXAMPLES: Final = {
     "rate": "50 Hz",
     "duration": "40 s",

@@ -1,0 +1,34 @@
+"""Fits of which somebody did not want to see the end: what they say of it, and who must not use them."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from ipmclab.fit.fit import Fit
+from ipmclab.run import Finding
+
+NO_STAGES: Final = Finding(
+    "stages-not-tried",
+    "warning",
+    "the fit was interrupted before it was asked what the model lacks",
+    "let it run to its end to have the residuals judged and missing stages named",
+)
+
+NO_PROFILES: Final = Finding(
+    "intervals-not-followed",
+    "warning",
+    "the fit was interrupted before its intervals were followed to their ends: they are from the standard errors alone",
+    "let it run to its end to have intervals that are right where the readings show little",
+)
+
+
+def uninterrupted(fit: Fit) -> Fit:
+    """A fit that was let run to its end; else Ctrl-C is raised again, and ends the work of which the fit is a part.
+
+    Raises
+    ------
+    KeyboardInterrupt
+    """
+    if NO_STAGES in fit.findings or NO_PROFILES in fit.findings:
+        raise KeyboardInterrupt
+    return fit
