@@ -19,7 +19,7 @@ from ipmclab.identification.search.descent import on_every_row, shorter
 from ipmclab.identification.search.solve import Pinned, Solution, descend
 from ipmclab.identification.search.starts.start import fastest_rate
 from ipmclab.identification.search.tangent import entry_errors
-from ipmclab.identification.search.valleys import EVALUATIONS, NEAR, Place
+from ipmclab.identification.search.valleys import EVALUATIONS, NEAR, Place, Valley
 from ipmclab.model import Actuator
 from ipmclab.model.declared import is_of_circuit
 from ipmclab.model.stages.circuit import DC, SERIES, slowest_branch
@@ -37,12 +37,14 @@ _ZEROS: Final = (0.1, 0.3, 0.7, 1.5, 5.0)  # times the Nyquist rate: zeros of a 
 _SLOWER: Final = (0.2, 0.4, 0.7, 1.4, 2.5, 4.5, 8.0)  # times the time constant of a leak that hardly shows how slow
 
 
-def along_valleys(actuator: Actuator, names: FreeParameters, problem: Problem, solution: Solution) -> list[Place]:
+def along_valleys(
+    actuator: Actuator, names: FreeParameters, problem: Problem, solution: Solution, walked: Valley | None = None
+) -> list[Place]:
     """The best fits with a weakly seen parameter held at other values.
 
     A record that is short for the slowest branch does not tell it from the leak, and one that is slow for the zero of
     the coupling does not tell it from the gain. At either end of such a valley the curvature shows a parameter as
-    known that is not.
+    known that is not. That of a branch begins where it was ``walked`` before, of a minimum near by.
     """
     values = problem.values(solution.theta, problem.records[0].place)
     errors = dict(zip((u.name for u in problem.unknowns), entry_errors(solution.evaluation), strict=True))
@@ -59,7 +61,8 @@ def along_valleys(actuator: Actuator, names: FreeParameters, problem: Problem, s
     if errors.get(SLOW_TIME, 0.0) > _WEAK and SLOW_TIME in names.shared:
         found += held_at(problem, solution, SLOW_TIME, [values[SLOW_TIME] * factor for factor in _SLOWER])
     if isinstance(problem.responder, CircuitResponder):
-        found += branch_valley(problem, solution, problem.responder.branches)
+        before = [] if walked is None else walked.with_branch_held(problem, solution.theta)
+        found += branch_valley(problem, solution, problem.responder.branches, before)
     return found
 
 

@@ -7,12 +7,13 @@ else is fitted again at each place, and what is known of a parameter reaches ove
 (the profile of the likelihood along that time constant).
 
 Each place has several minima, as the other branches may lie on either side of the one that is held. Two starts are
-followed: the fit at the neighbouring place, and the best circuit of time constants on a grid (``branch_times``).
+followed: the fit at the neighbouring place, and the best circuit of time constants on a grid (``branch_times``). Where
+the same valley was walked before, of a minimum near by, each place is begun where it was then.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Final
 
@@ -75,10 +76,21 @@ class Tied:
         return found
 
 
-def branch_valley(problem: Problem, solution: Solution, branches: int) -> list[Place]:
+def branch_valley(
+    problem: Problem, solution: Solution, branches: int, before: Sequence[tuple[int, FloatArray]] = ()
+) -> list[Place]:
     """The best fits with the weakest branch elsewhere.
 
     Empty where every branch is well known, or where its parameters are not all free and shared.
+
+    Parameters
+    ----------
+    problem : Problem
+    solution : Solution
+    branches : int
+    before : sequence of (int, float array of shape (n_unknown,))
+        The branch that was held at each place of the same valley where it was walked before, and the vector there.
+        Which branch it was does not matter: any of them may stand at a time constant.
     """
     weakest = _weakest(problem, solution, branches)
     if weakest is None:
@@ -86,6 +98,8 @@ def branch_valley(problem: Problem, solution: Solution, branches: int) -> list[P
     branch, resistivity, permittivity = weakest
     shorter = problem.on_means or problem
     here = shorter.evaluate(solution.theta)
+    if before:
+        return [_begun(problem, shorter, held, theta, here.cost) for held, theta in before]
     values = problem.values(solution.theta, problem.records[0].place)
     slower, faster = _places(problem, values, float(solution.theta[resistivity] + solution.theta[permittivity]))
     seconds = _seconds(values) * np.exp(np.concatenate([slower, faster]))
@@ -100,9 +114,22 @@ def branch_valley(problem: Problem, solution: Solution, branches: int) -> list[P
             tried = [_fitted(tied, start, here.cost) for start in starts if start is not None]
             best = min(tried, key=lambda one: one.evaluation.cost)
             warm = tied.full(best.theta)
-            whole = replace(best, theta=warm, evaluation=problem.evaluate(warm))
-            found.append(Place(whole, tied.errors(best), SURELY_SOMEWHERE))
+            found.append(_place(problem, tied, best, branch))
     return found
+
+
+def _begun(problem: Problem, shorter: Problem, branch: int, theta: FloatArray, least: float) -> Place:
+    """The place at the time constant that a branch has in a vector, from there."""
+    names = [unknown.name for unknown in problem.unknowns]
+    free, other = (names.index(name) for name in branch_names(branch))
+    tied = Tied(shorter, free, other, float(theta[free] + theta[other]))
+    return _place(problem, tied, _fitted(tied, theta, least), branch)
+
+
+def _place(problem: Problem, tied: Tied, best: Solution, branch: int) -> Place:
+    theta = tied.full(best.theta)
+    whole = replace(best, theta=theta, evaluation=problem.evaluate(theta))
+    return Place(whole, tied.errors(best), SURELY_SOMEWHERE, branch)
 
 
 def _fitted(tied: Tied, theta: FloatArray, least: float) -> Solution:

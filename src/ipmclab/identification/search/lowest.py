@@ -102,7 +102,8 @@ def _search(
     valley = along_valleys(actuator, names, problem, solution)
     lowest = _lowest_of(problem, solution, valley)
     if lowest is not solution:
-        solution, valley = lowest, along_valleys(actuator, names, problem, lowest)
+        walked = Valley(problem, solution, tuple(valley))
+        solution, valley = lowest, along_valleys(actuator, names, problem, lowest, walked)
     spent = [*(other for _, other in tried), *(place.solution for place in valley)]
     solution = replace(solution, evaluations=sum(other.evaluations for other in spent))
     per_reading = solution.evaluation.cost / len(solution.evaluation.residual)

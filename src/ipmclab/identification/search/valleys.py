@@ -35,11 +35,15 @@ _LEVEL: Final = 1e-6  # of the cost, by which two ends of the same valley may di
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """The best fit with something held, the standard errors of all entries there, and the excess that is allowed."""
+    """The best fit with something held, the standard errors of all entries there, and the excess that is allowed.
+
+    Where that is the time constant of a branch, ``branch`` is its number.
+    """
 
     solution: Solution
     errors: FloatArray
     allowed: float = SURE
+    branch: int | None = None
 
 
 @dataclass(frozen=True)
@@ -120,6 +124,17 @@ class Valley:
     problem: Problem
     solution: Solution
     places: tuple[Place, ...]
+
+    def with_branch_held(self, problem: Problem, own: FloatArray) -> list[tuple[int, FloatArray]]:
+        """Of the places with the time constant of a branch held: its number, and the vector of another problem there.
+
+        Entries that this one has not are taken from ``own``.
+        """
+        return [
+            (place.branch, Rival.of(self.problem, place.solution.theta).vector_of(problem.unknowns, own))
+            for place in self.places
+            if place.branch is not None
+        ]
 
     def under(self, problem: Problem, solution: Solution) -> tuple[Place, ...] | None:
         """The same places where a problem is the same but for one factor of all weights; None where it is another."""
