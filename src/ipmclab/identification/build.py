@@ -28,7 +28,6 @@ from ipmclab.identification.solved import Estimate
 from ipmclab.identification.uncertainty.covariance import MOVED, Uncertainty, uncertainty
 from ipmclab.identification.uncertainty.interval import (
     as_determined,
-    beside_bounds,
     edges_are_open,
     half_width,
     has_open_end,
@@ -36,6 +35,7 @@ from ipmclab.identification.uncertainty.interval import (
     is_at_bound,
     is_too_wide,
     open_ends,
+    values_within_bounds,
     with_rivals,
 )
 from ipmclab.identification.uncertainty.known_covariance import Table, covariance_table
@@ -104,13 +104,13 @@ def build_fit(
         for number, (place, unknown) in enumerate(problem.asked)
     ]
     points = _points(result, found, rivals, stated, exact, [end for one in alone for end in one.ends])
-    beside = _beside_unseen(points)
+    while_kept = _while_unseen_are_kept(points)
     elsewhere = {
         unknown.name: [rival for rival in rivals if one.is_left_by(unknown, rival)]
         for unknown, one in zip(asked, alone, strict=True)
     }
     ambiguous = {name for name, others in elsewhere.items() if others}
-    reported_twice = ambiguous | {*beside}
+    reported_twice = ambiguous | {*while_kept}
     nearer = [math.inf if u.name in reported_twice else one.error for u, one in zip(asked, alone, strict=True)]
     sharper = as_determined(found, relative, np.array(nearer))
     open_directions = directions(asked, values, found, sharper, problem.records, model, rivals, exact)
@@ -132,10 +132,10 @@ def build_fit(
         if unknown.log and wider**2 > variance:
             variance = max(variance, wider**2)
             error = max(error, wider)
-        if unknown.name in beside:
-            middle, deviation = beside[unknown.name]
+        if unknown.name in while_kept:
+            middle, deviation = while_kept[unknown.name]
             reach = NORMAL_95 * deviation
-            ends = beside_bounds(unknown, middle - reach, middle + reach)
+            ends = values_within_bounds(unknown, middle - reach, middle + reach)
             interval = min(interval[0], ends[0]), max(interval[1], ends[1])
             variance = max(variance, deviation**2, (middle - float(solution.theta[place])) ** 2)
             size = 1.0 if unknown.log else max(abs(value) / unknown.scale, 1.0)
@@ -182,7 +182,7 @@ def build_fit(
         observation(problem, solution, record, runs[record.place], order, result.correlated)
         for record in problem.records
     )
-    told = (
+    all_findings = (
         *findings,
         *unexplained(problem, result.correlated.left),
         *_fit_findings(solution, found, fitted, stated, exact, asked, order, named),
@@ -197,9 +197,9 @@ def build_fit(
         rank=found.rank,
         singular_values=tuple(float(value) for value in found.singular_values),
         observations=observations,
-        findings=told,
+        findings=all_findings,
         converged=solution.converged,
-        message=message(solution, told),
+        message=message(solution, all_findings),
         evaluations=solution.evaluations,
         residuals=residuals(problem, result.correlated),
         software_version=__version__,
@@ -225,24 +225,24 @@ def _points(
 ) -> list[Point]:
     """The fit, and the one in which the stages that do not show may still be there."""
     points = [Point(result.problem, result.solution.theta, found, stated, rivals, far)]
-    if result.beside is not None:
-        problem, solution = result.beside.problem, result.beside.solution
-        points.append(Point(problem, solution.theta, uncertainty(result.beside, stated, exact), stated))
+    if result.with_unseen is not None:
+        problem, solution = result.with_unseen.problem, result.with_unseen.solution
+        points.append(Point(problem, solution.theta, uncertainty(result.with_unseen, stated, exact), stated))
     return points
 
 
-def _beside_unseen(points: Sequence[Point]) -> dict[str, tuple[float, float]]:
+def _while_unseen_are_kept(points: Sequence[Point]) -> dict[str, tuple[float, float]]:
     """Entry and standard error that each unknown has while the unseen stages may still be there.
 
     That a stage does not show is no proof that it is not there: what trades against it is known no better than with
     it.
     """
-    beside: dict[str, tuple[float, float]] = {}
+    while_kept: dict[str, tuple[float, float]] = {}
     for point in points[1:]:
         deviation = np.sqrt(np.maximum(point.found.covariance.diagonal(), 0.0))
         for number, (place, unknown) in enumerate(point.problem.asked):
-            beside[unknown.name] = float(point.theta[place]), float(deviation[number])
-    return beside
+            while_kept[unknown.name] = float(point.theta[place]), float(deviation[number])
+    return while_kept
 
 
 def _unseen_parameter(

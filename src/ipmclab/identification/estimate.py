@@ -30,10 +30,10 @@ from ipmclab.identification.search.assumed import (
 )
 from ipmclab.identification.search.descent import (
     SHORTLY,
-    beside_less,
     minimum,
-    minimum_beside,
+    minimum_from,
     settled_nearest,
+    start_with_fewer,
     to_the_end,
     weigh,
 )
@@ -42,7 +42,7 @@ from ipmclab.identification.search.doubts import contradicted_currents
 from ipmclab.identification.search.lowest import find_minima
 from ipmclab.identification.search.pose import need_as_many_readings, without_leak
 from ipmclab.identification.search.rest import could_be_zero, not_at_rest
-from ipmclab.identification.search.settled import settled_beside_unfelt
+from ipmclab.identification.search.settled import settled_with_unfelt_held
 from ipmclab.identification.search.solve import Solution
 from ipmclab.identification.search.starts.usual import usual_coupling
 from ipmclab.identification.search.tangent import entry_errors, null_directions
@@ -79,11 +79,11 @@ def estimate(actuator: Actuator, names: FreeParameters, records: Sequence[Prepar
         under, other = noisy(problem, solution)
     stage("asking what the readings do not show", 0.7, 0.75)
     unseen, smaller, there = without_unseen(under)
-    beside = under if unseen else None
+    with_unseen = under if unseen else None
     if unseen:
         problem, solution = _without_stages(actuator, problem, solution, unseen, smaller, there)
         under, other = noisy(problem, solution)
-    at = settled_beside_unfelt(under.problem, under.solution)
+    at = settled_with_unfelt_held(under.problem, under.solution)
     if problem.unknowns and len(null_directions(at.evaluation)):
         at = settled_nearest(under.problem, at, _reference(under.problem, at))
     under = under.at(nearest_zero(under.problem, at))
@@ -113,7 +113,7 @@ def estimate(actuator: Actuator, names: FreeParameters, records: Sequence[Prepar
             walked = minima.valley.under(problem, solution)
             valley = along_valleys(actuator, names, problem, solution) if walked is None else walked
             rivals += allowed_places(problem, solution, valley, under.inflation)
-    return Estimate(parameters, problem, solution, rivals, tuple(findings), under, unseen, beside, white)
+    return Estimate(parameters, problem, solution, rivals, tuple(findings), under, unseen, with_unseen, white)
 
 
 def _least_squares(
@@ -153,7 +153,7 @@ def _at_rest_after_all(under: Correlated, places: Set[int]) -> dict[int, list[in
             for column, unknown in enumerate(under.problem.unknowns)
             if unknown.is_start and unknown.place == place
         ]
-        if there and could_be_zero(under.solution, there, under.spread_of_all):
+        if there and could_be_zero(under.solution, there, under.covariance_of_all):
             found[place] = there
     return found
 
@@ -173,7 +173,7 @@ def _least(problem: Problem, near: Solution, ends: Sequence[Rival]) -> tuple[Pro
 
 def _from_everywhere(problem: Problem, near: Solution, ends: Sequence[Rival]) -> tuple[Problem, Solution]:
     """The lowest minimum of a problem near one that was searched before, and from where those searches ended."""
-    first = minimum_beside(problem, near)
+    first = minimum_from(problem, near)
     starts = [end.vector_of(problem.unknowns, near.theta) for end in (*ends, *_usual(problem, near, ends))]
     tried = [(problem, first), *((problem, minimum(problem, start, evaluations=SHORTLY)) for start in starts)]
     return to_the_end(tried)[0] if starts else tried[0]
@@ -198,10 +198,10 @@ def _without_stages(
     off = {name: value for one in unseen for name, value in one.off.items()}
     columns = [column for column, unknown in enumerate(problem.unknowns) if unknown.name in gone]
     fewer = without_leak(actuator, problem.without(columns, off))
-    starts = [beside_less(problem, fewer, solution, columns), _in_full(fewer, smaller, there)]
+    starts = [start_with_fewer(problem, fewer, solution, columns), _in_full(fewer, smaller, there)]
     if not fewer.unknowns:
         return fewer, starts[0]
-    tried = [minimum_beside(fewer, start) for start in starts]
+    tried = [minimum_from(fewer, start) for start in starts]
     return weigh(fewer, min(tried, key=lambda one: one.evaluation.cost))
 
 

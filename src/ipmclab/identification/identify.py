@@ -212,7 +212,7 @@ def _identify(
     if kept:
         first_answer(lambda: build_fit(actuator, given, result, (), followed=False))
     diagnoses, lacking = _what_it_lacks(actuator, names, result) if diagnosed else ((), ())
-    told = (
+    findings = (
         *findings_of_records(records, found, _growing_leak(actuator, result)),
         *left_out,
         *result.findings,
@@ -220,11 +220,11 @@ def _identify(
     )
     try:
         stage("errors and intervals", 0.8, 1.0)
-        fit = build_fit(actuator, given, result, told, diagnoses, followed=followed)
+        fit = build_fit(actuator, given, result, findings, diagnoses, followed=followed)
     except KeyboardInterrupt:
         if not kept:  # one fit of a longer work, which is to end
             raise
-        fit = build_fit(actuator, given, result, (*told, NO_PROFILES), diagnoses, followed=False)
+        fit = build_fit(actuator, given, result, (*findings, NO_PROFILES), diagnoses, followed=False)
     beyond = [*beyond_findings(fit, records), *environment_findings(actuator, given, fit, result)]
     if names.priors:
         order = Order(result.problem.in_reference(result.solution.theta, result.problem.records[0].place))

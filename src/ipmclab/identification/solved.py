@@ -22,8 +22,8 @@ class Estimate:
 
     ``parameters`` are those of the actuator that was given. ``rivals`` are other fits that the
     readings do not distinguish from the solution. ``unseen`` are stages that were taken out of the problem;
-    ``beside`` is the fit that still had them, where there are any. ``white`` is the same point in the problem without
-    the additional zeros and slopes of sensors, or the point under the noise where that is as good.
+    ``with_unseen`` is the fit that still had them, where there are any. ``white`` is the same point in the problem
+    without the additional zeros and slopes of sensors, or the point under the noise where that is as good.
     """
 
     parameters: Mapping[str, Parameter]
@@ -33,7 +33,7 @@ class Estimate:
     findings: tuple[Finding, ...]
     correlated: Correlated
     unseen: tuple[Unseen, ...] = ()
-    beside: Correlated | None = None
+    with_unseen: Correlated | None = None
     white: tuple[Problem, Solution] | None = None
 
 

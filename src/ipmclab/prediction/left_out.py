@@ -193,11 +193,11 @@ def _covariances(
         change = -every[piece]
         if key in others.pieces:
             own = theirs[others.pieces[key]]
-            covariance += under.spread(own, key)
-            of_change += under.spread(change + own, key)
+            covariance += under.covariance_of(own, key)
+            of_change += under.covariance_of(change + own, key)
         else:
             # What it leaves may be of another strip: its noise is taken to be that of the others.
-            of_change += _as_in_others(under, key, others).spread(change, key)
+            of_change += _as_in_others(under, key, others).covariance_of(change, key)
     of_theirs, of_every = _priors(others), _priors(under.problem)
     known = theirs[len(theirs) - len(of_theirs) :]
     change = -every[len(every) - len(of_every) :]

@@ -18,7 +18,7 @@ from ipmclab.identification.problem.stated import stated_covariance
 from ipmclab.identification.problem.unknowns import Unknown
 from ipmclab.identification.solved import Estimate, solved
 from ipmclab.identification.uncertainty.covariance import uncertainty
-from ipmclab.identification.uncertainty.interval import beside_bounds
+from ipmclab.identification.uncertainty.interval import values_within_bounds
 from ipmclab.identification.uncertainty.profile import Point, held_at, one_side
 from ipmclab.one_thread import on_one_thread
 from ipmclab.progress import OnProgress, reporting_to, stage
@@ -106,7 +106,7 @@ def _ended(fit: Fit, found: Mapping[str, Profile]) -> dict[str, FittedParameter]
     # What nothing limits by itself has an open interval already.
     moved = {name for names in open_directions if len(names) > 1 for name in names}
     ended = dict(fit.parameters)
-    if estimate.beside is not None:
+    if estimate.with_unseen is not None:
         return ended
     reference = problem.in_reference(theta, problem.records[0].place)
     order = Order(reference)
@@ -118,7 +118,7 @@ def _ended(fit: Fit, found: Mapping[str, Profile]) -> dict[str, FittedParameter]
         low, high = found[name].interval
         for rival in rivals:
             entry, reach = rival.entries[unknown.name], rival.reach[unknown.name]
-            least, most = beside_bounds(unknown, entry - reach, entry + reach)
+            least, most = values_within_bounds(unknown, entry - reach, entry + reach)
             low, high = min(low, least), max(high, most)
         ended[name] = replace(ended[name], interval=(low, high))
     return ended
@@ -189,7 +189,7 @@ def _profile(estimate: Estimate, unknown: Unknown, place: int, error: float, rat
         values=tuple(unknown.value(point.entry) for point in points),
         excess=tuple(point.height**2 / ratio for point in points),
         threshold=threshold,
-        interval=beside_bounds(unknown, ends[0], ends[1]),
+        interval=values_within_bounds(unknown, ends[0], ends[1]),
         is_open=(math.isinf(ends[0]), math.isinf(ends[1])),
         parabola=error * math.sqrt(ratio) * unknown.chain(unknown.value(middle)),
     )

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.identification.problem.evaluation import WELL_APART
+from ipmclab.identification.problem.evaluation import INDEPENDENT
 from ipmclab.identification.problem.place import Place
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.problem.record import PreparedRun, drive
@@ -190,7 +190,7 @@ def _steps(products: FloatArray) -> tuple[FloatArray, FloatArray]:
     steps, expected = np.full((fits, columns), np.nan), np.full(fits, np.nan)
     sizes = np.sqrt(np.maximum(np.diagonal(products, axis1=1, axis2=2), 1e-300))
     factors = _factors(products / (sizes[:, :, None] * sizes[:, None, :]))
-    independent = np.diagonal(factors, axis1=1, axis2=2).min(axis=1) > WELL_APART
+    independent = np.diagonal(factors, axis1=1, axis2=2).min(axis=1) > INDEPENDENT
     triangles = factors[independent].transpose(0, 2, 1)[:, :columns]
     left, singular, directions = np.linalg.svd(triangles[:, :, :columns])
     right = triangles[:, :, columns] * sizes[independent, -1:]

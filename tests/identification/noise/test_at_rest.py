@@ -117,6 +117,6 @@ def test_what_a_model_lacks_leaves_the_zero_that_rows_at_rest_show(seed: int) ->
     # A draw has the covariance that the errors are made of.
     generator = np.random.default_rng(seed)
     columns = under.solution.evaluation.jacobian[:, :3]
-    spread = under.spread(columns[under.problem.pieces[key]], key)
+    covariance = under.covariance_of(columns[under.problem.pieces[key]], key)
     draws = np.array([under.drawn(generator) @ columns for _ in range(2000)])
-    np.testing.assert_allclose(np.diag(draws.T @ draws / 2000), np.diag(spread), rtol=0.15)
+    np.testing.assert_allclose(np.diag(draws.T @ draws / 2000), np.diag(covariance), rtol=0.15)

@@ -87,8 +87,8 @@ def test_what_stands_beside_an_unseen_stage_is_known_under_the_noise() -> None:
     fit = brief(with_stages(FRIEND, "leak.exponential"), runs("AR(1) 0.9", generator), free="electrical,leak")
     assert not any(parameter.determined for name, parameter in fit.parameters.items() if name.startswith("leak."))
     assert fit.estimate is not None
-    assert fit.estimate.beside is not None
-    assert {str(noise.terms) for noise in fit.estimate.beside.noise.values()} == {"AR(1)"}
+    assert fit.estimate.with_unseen is not None
+    assert {str(noise.terms) for noise in fit.estimate.with_unseen.noise.values()} == {"AR(1)"}
     alone = brief(FRIEND, runs("AR(1) 0.9", np.random.default_rng(SEED)))
     for name in CIRCUIT.names:
         low, high = alone.parameters[name].interval

@@ -11,7 +11,7 @@ from scipy.optimize import minimize
 from ipmclab import Run, RunMetadata, load_actuator
 from ipmclab.identification.problem.evaluation import Evaluation
 from ipmclab.identification.search.descent import found_noise, weigh
-from ipmclab.identification.search.settled import SETTLED, settled, settled_beside_unfelt
+from ipmclab.identification.search.settled import SETTLED, settled, settled_with_unfelt_held
 from ipmclab.identification.search.solve import Solution
 from ipmclab.identification.solved import solved
 from tests.identification.brief import brief
@@ -107,7 +107,7 @@ def test_what_is_hardly_felt_stays_and_the_others_settle() -> None:
     expected = settled(alone, stopped(alone, expected)).theta
     away = 3e-3 * np.random.default_rng(20261127).standard_normal((5, 2))
     for one in away:
-        found = settled_beside_unfelt(HardlyFelt(), stopped(HardlyFelt(), np.append(expected + one, [3.0, -5.0])))
+        found = settled_with_unfelt_held(HardlyFelt(), stopped(HardlyFelt(), np.append(expected + one, [3.0, -5.0])))
         np.testing.assert_array_equal(found.theta[2:], [3.0, -5.0])
         np.testing.assert_allclose(found.theta[:2], expected, atol=1e-7)  # the traces move it by some 1e-8
 
@@ -125,7 +125,7 @@ def test_what_is_determined_is_at_its_minimum_beside_parameters_that_are_hardly_
     assert fit.parameters[name].determined
     estimate = solved(fit)
     place = [unknown.name for unknown in estimate.problem.unknowns].index(name)
-    further = settled_beside_unfelt(estimate.problem, estimate.solution).theta - estimate.solution.theta
+    further = settled_with_unfelt_held(estimate.problem, estimate.solution).theta - estimate.solution.theta
     unit = estimate.problem.unknowns[place].scale
     assert abs(further[place]) * unit < 1e-6 * fit.parameters[name].standard_error
 

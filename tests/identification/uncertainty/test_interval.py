@@ -23,10 +23,10 @@ from ipmclab.identification.uncertainty.interval import (
     Interval,
     _shortest,
     as_determined,
-    beside_bounds,
     has_open_end,
     interval_of,
     is_too_wide,
+    values_within_bounds,
     with_rivals,
 )
 from ipmclab.identification.uncertainty.profile import Walk, one_side
@@ -135,17 +135,17 @@ def test_where_the_search_ends_a_side_is_open_and_where_something_is_known_it_is
     declared = load_actuator("friend-2+clamp").parameters()
     resistivity = actuator_unknown(declared["circuit.branches.0.resistivity"], None)
     ends = resistivity.entry(declared["circuit.branches.0.resistivity"].upper)
-    assert beside_bounds(resistivity, 0.0, ends) == (1.0, math.inf)
-    assert beside_bounds(resistivity, -1000.0, 0.0) == (0.0, 1.0)
+    assert values_within_bounds(resistivity, 0.0, ends) == (1.0, math.inf)
+    assert values_within_bounds(resistivity, -1000.0, 0.0) == (0.0, 1.0)
     # A resistance may be nothing, a share everything, and neither is what a search ends at.
     contact = actuator_unknown(declared["circuit.contact_resistance"], None)
-    assert beside_bounds(contact, -1.0, 2.0) == (0.0, 2.0)
-    assert beside_bounds(contact, 1e-4, 1e9) == (1e-4, math.inf)
+    assert values_within_bounds(contact, -1.0, 2.0) == (0.0, 2.0)
+    assert values_within_bounds(contact, 1e-4, 1e9) == (1e-4, math.inf)
     share = actuator_unknown(declared["clamp.direct_share"], None)
-    assert beside_bounds(share, 5e-4, 2.0) == (5e-4, 1.0)
+    assert values_within_bounds(share, 5e-4, 2.0) == (5e-4, 1.0)
     # What is known beforehand ends an interval wherever that is.
     measured = resistivity.known(2e-6, 1e-7)
-    assert beside_bounds(measured, measured.entry(1e-6), 0.0)[0] == pytest.approx(1e-6)
+    assert values_within_bounds(measured, measured.entry(1e-6), 0.0)[0] == pytest.approx(1e-6)
 
 
 class Drawn(Gain):

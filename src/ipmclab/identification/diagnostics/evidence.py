@@ -52,7 +52,7 @@ class Evidence:
         sizes : float array, shape (n_added,)
             How much of it is asked for, in units of what was given.
         """
-        left, own = self._beside(shapes)
+        left, own = self._left_over(shapes)
         power, across = left.diagonal()[:-1], left[:-1, -1]
         # The residual is model less reading: what is missing lowers it.
         size = np.where(own, -across / np.where(own, power, 1.0), 0.0)
@@ -60,12 +60,12 @@ class Evidence:
 
     def together(self, shapes: Mapping[Key, Shape]) -> float:
         """By how much all additions together would lower chi-square under a given noise."""
-        left, own = self._beside(shapes)
+        left, own = self._left_over(shapes)
         places = np.flatnonzero(own)
         inner, across = left[np.ix_(places, places)], left[places, -1]
         return float(across @ np.linalg.lstsq(inner, across, rcond=1e-10)[0])
 
-    def _beside(self, shapes: Mapping[Key, Shape]) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
+    def _left_over(self, shapes: Mapping[Key, Shape]) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
         """Products of additions and residual after what the fit itself can do, and of which there is anything left
         then."""
         total = self.system.rest + sum(self.system.part(key, shape) for key, shape in shapes.items())

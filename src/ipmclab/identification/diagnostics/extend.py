@@ -27,7 +27,7 @@ from ipmclab.run import FloatArray
 
 _EVALUATIONS: Final = 25  # of the model, from the point that a fit has reached: they show what a stage explains
 _NEAR: Final = 1e-5  # of the cost
-_BESIDE: Final = 0.1  # of a standard error
+_SETTLED: Final = 0.1  # of a standard error
 _SAME: Final = 1e-3  # of the cost: two searches that end so near each other have found one minimum
 _AFRESH: Final = 60  # of the model, for the best of the other starts, which is farther away
 _STARTS: Final = 3  # the most likely ones
@@ -151,7 +151,7 @@ def _briefly(problem: Problem, theta: FloatArray, evaluations: int) -> Solution:
     if problem.on_means is None:
         return minimise(problem, theta, evaluations=evaluations, tolerance=_NEAR)
     near = minimise(problem.on_means, theta, evaluations=evaluations, tolerance=_NEAR)
-    return settled_to(problem, on_every_row(problem, near), _BESIDE)[0]
+    return settled_to(problem, on_every_row(problem, near), _SETTLED)[0]
 
 
 def _freed(actuator: Actuator, richer: Actuator) -> list[str]:

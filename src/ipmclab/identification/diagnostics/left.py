@@ -140,8 +140,8 @@ class Left:
         """Whether the voltages distinguish the one from the other: under a single step both are in proportion."""
         volts = np.concatenate([r.run.voltage for r in self.problem.records if self.output in r.readings])
         bent = volts * np.abs(volts)
-        beside = bent - volts * float(volts @ bent) / max(float(volts @ volts), 1e-300)
-        return float(np.linalg.norm(beside)) > _BENT * float(np.linalg.norm(bent))
+        bent_part = bent - volts * float(volts @ bent) / max(float(volts @ volts), 1e-300)
+        return float(np.linalg.norm(bent_part)) > _BENT * float(np.linalg.norm(bent))
 
     def _chance(self, *, bent: bool) -> float:
         """How often noise alone would make the output as much likelier if it may also follow the voltage in any way."""

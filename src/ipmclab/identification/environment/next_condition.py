@@ -85,7 +85,7 @@ def _finding(
     quantity = fit.actuator.parameters()[name].quantity
     there = f"{temperature:g} degC, {humidity:g} %RH"
     error = one.standard_error
-    told = (
+    reason = (
         ""
         if math.isinf(error)
         else f" (standard error {quantity.to_display(error):.2g} {quantity.display_unit})".replace(" )", ")")
@@ -96,7 +96,7 @@ def _finding(
         return Finding(
             UNDETERMINED,
             "warning",
-            f"a run at {there} would determine {name} best, which runs at {_range(states)} do not determine{told}",
+            f"a run at {there} would determine {name} best, which runs at {_range(states)} do not determine{reason}",
             f"record it and fit it with the others{after}",
             values=values,
         )
@@ -105,7 +105,7 @@ def _finding(
     return Finding(
         NEXT,
         "info",
-        f"{name} is the law that is known least{told}",
+        f"{name} is the law that is known least{reason}",
         f"one more run at {there} would leave {100.0 * left:.2g} % of that error",
         values=values,
     )
@@ -125,7 +125,7 @@ def _information_of(
     values = problem.in_reference(solution.theta, problem.records[0].place)
     water = equilibrium(values, Environment(temperature, humidity)).water_content
     uncertainty = float(slope(values, humidity / 100.0)) * HUMIDITY_ERROR / 100.0
-    record = min(problem.records, key=lambda one: _apart(one, water, temperature))
+    record = min(problem.records, key=lambda one: _distance(one, water, temperature))
     old = record.state
     assert old is not None
     state = RunState(water, uncertainty, "assumed", temperature, humidity, doses=old.doses)
@@ -166,7 +166,7 @@ def _of_parameters(problem: Problem, solution: Solution, record: PreparedRun, he
     return total
 
 
-def _apart(record: PreparedRun, water: float, temperature: float) -> float:
+def _distance(record: PreparedRun, water: float, temperature: float) -> float:
     state = record.state
     assert state is not None
     assert state.water_content is not None

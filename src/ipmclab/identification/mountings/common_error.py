@@ -99,8 +99,8 @@ def loadings_of(fit: Fit) -> dict[str, dict[str, float]]:
                 other: table[name][other] - sum(moved[known] * found[other][known] for known in stated)
                 for other in (cause, *slopes)
             }
-            beside = sum(slope * from_readings[other] for other, slope in slopes.items())
-            pulls[name][f"prior {cause}"] = (from_readings[cause] - beside) / deviation
+            explained = sum(slope * from_readings[other] for other, slope in slopes.items())
+            pulls[name][f"prior {cause}"] = (from_readings[cause] - explained) / deviation
     return {name: moved | pulls[name] for name, moved in found.items()}
 
 
@@ -183,15 +183,15 @@ def _beside_others(fit: Fit, stated: Sequence[str]) -> FloatArray | None:
 def _prior_of(fit: Fit, one: FittedParameter) -> tuple[float, dict[str, float]]:
     """Standard deviation of a prior by itself [SI], and by how much its centre moves with other parameters [SI]."""
     unknowns = {} if fit.estimate is None else {u.name: u for u in solved(fit).problem.unknowns}
-    told = unknowns.get(one.name)
-    if told is None or told.prior is None or not told.follows:
+    unknown = unknowns.get(one.name)
+    if unknown is None or unknown.prior is None or not unknown.follows:
         return _prior_deviation(fit, one), {}
-    chain = told.chain(one.value)
+    chain = unknown.chain(one.value)
     slopes = {
         other: slope * chain / unknowns[other].chain(fit.parameters[other].value)
-        for other, (slope, _) in told.follows.items()
+        for other, (slope, _) in unknown.follows.items()
     }
-    return told.prior[1] * chain, slopes
+    return unknown.prior[1] * chain, slopes
 
 
 def _prior_deviation(fit: Fit, one: FittedParameter) -> float:

@@ -85,8 +85,8 @@ def slope_at_rest(record: PreparedRun, output: str, noise: Shape, unit: float) -
     if noise.terms.order or noise.terms.walk:
         whole = unit**2 * float(spread_by(columns @ inner, steps_between(time, record.step), noise)[1, 1])
         lag = max(len(rows) // 4, 1)
-        seen = float(np.mean((values[lag:] - values[:-lag]) ** 2)) / (unit**2 * float(structure(noise, [lag])[0]))
-        own = max(own, whole * min(seen, 1.0))
+        observed = float(np.mean((values[lag:] - values[:-lag]) ** 2)) / (unit**2 * float(structure(noise, [lag])[0]))
+        own = max(own, whole * min(observed, 1.0))
     variance = own / half**2 + (step / (2.0 * half)) ** 2 / 12.0
     if not variance > 0.0:  # readings that are all alike, and no converter's step known: nothing measured
         return SlopeAtRest(0.0, math.inf, none)
@@ -146,8 +146,8 @@ def is_at_rest_too(noise: Shape, left: FloatArray) -> bool | None:
     if count < FEWEST_OF_NOISE:
         return None
     lags = [1, *(count // part for part in _LAGS)]
-    seen = np.array([np.mean((left[lag:] - left[:-lag]) ** 2) for lag in lags])
-    return bool((structure(noise, lags) <= _TIMES * seen).all())
+    observed = np.array([np.mean((left[lag:] - left[:-lag]) ** 2) for lag in lags])
+    return bool((structure(noise, lags) <= _TIMES * observed).all())
 
 
 def is_shown_at_rest(noises: Iterable[tuple[Shape, FloatArray]]) -> bool | None:

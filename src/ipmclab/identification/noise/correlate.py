@@ -177,7 +177,7 @@ class Correlated:
         """Rows of one output of one run, shape (n, n_rows), as independent ones of variance 1."""
         return self._white_problem.whitened(key, rows)
 
-    def spread(self, rows: FloatArray, key: Key, variance: FloatArray | None = None) -> FloatArray:
+    def covariance_of(self, rows: FloatArray, key: Key, variance: FloatArray | None = None) -> FloatArray:
         """``rows' V rows`` for the noise of an output of a run, in units of the problem's noise.
 
         Parameters
@@ -205,10 +205,10 @@ class Correlated:
         own = (turned * sized)[inside]
         return np.asarray(self._noise_of(own, key) + moved.T @ moved + beyond.T @ beyond)
 
-    def spread_of_all(self, columns: FloatArray) -> FloatArray:
+    def covariance_of_all(self, columns: FloatArray) -> FloatArray:
         """The same for the noise of all rows of an evaluation, and what was known beforehand."""
         beyond = columns[self.problem.beforehand]
-        parts = (self.spread(columns[piece], key) for key, piece in self.problem.pieces.items())
+        parts = (self.covariance_of(columns[piece], key) for key, piece in self.problem.pieces.items())
         return np.asarray(sum(parts) + beyond.T @ beyond)
 
     @cached_property
@@ -251,7 +251,7 @@ class Correlated:
         power = float(change @ change)
         if power <= 0.0 or not self.shapes or self.is_weighted:
             return 1.0
-        return max(float(self.spread_of_all(change[:, None])[0, 0] / power), 1.0)
+        return max(float(self.covariance_of_all(change[:, None])[0, 0] / power), 1.0)
 
     def drawn(self, generator: np.random.Generator) -> FloatArray:
         """A draw of the noise in the residuals of the problem; zeros and slopes, which no parameter follows, aside."""
@@ -318,7 +318,7 @@ def with_noise(problem: Problem, solution: Solution, yielding: Sequence[int], ag
         shapes = with_constants(system, choose_noise(system), drifting)
     if all(shape.terms.is_white for shape in shapes.values()):
         return Correlated(problem, solution, plain, pieces=pieces, blind={**blind, **hidden})
-    zeros = {piece.key: zero for piece in searched if (zero := _beside(fewer, piece, shapes[piece.key])) is not None}
+    zeros = {piece.key: zero for piece in searched if (zero := _zero_of(fewer, piece, shapes[piece.key])) is not None}
     if zeros:
         least: Problem = DriftingProblem(fewer, zeros)
         least, near = again(least, replace(near, evaluation=least.evaluate(near.theta)))
@@ -335,7 +335,7 @@ def with_noise(problem: Problem, solution: Solution, yielding: Sequence[int], ag
     return Correlated(least, near, plain, shapes, pieces, {**blind, **hidden})
 
 
-def _beside(problem: Problem, piece: Piece, shape: Shape) -> Zero | None:
+def _zero_of(problem: Problem, piece: Piece, shape: Shape) -> Zero | None:
     """The zero and slope beside the parameters.
 
     A walk begins somewhere, and a sensor of force or motion goes somewhere; where no row at 0 V says how far, a slope
@@ -400,5 +400,5 @@ def _explained(basis: FloatArray, time: FloatArray, residual: FloatArray) -> flo
     # The residual of the whole fit stands square to the basis; that of one piece nearly so.
     right = held.T @ residual
     values, vectors = np.linalg.eigh(inner)
-    seen = values > 1e-6 * len(time)
-    return float(np.sum((vectors[:, seen].T @ right) ** 2 / values[seen]))
+    determined = values > 1e-6 * len(time)
+    return float(np.sum((vectors[:, determined].T @ right) ** 2 / values[determined]))

@@ -15,7 +15,7 @@ from ipmclab.identification.problem.evaluation import Evaluation
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.problem.record import PreparedRun
 from ipmclab.identification.problem.unknowns import Unknown
-from ipmclab.identification.search.tangent import least_seen
+from ipmclab.identification.search.tangent import rank_threshold
 from ipmclab.run import FloatArray
 from ipmclab.statespace.columns import CONSTANTS, Columns, constants, steps_between, without
 from ipmclab.statespace.search import Allowed, choose_terms, refine, rough_noise
@@ -63,8 +63,8 @@ def directions_of(here: Evaluation) -> FloatArray:
     """Combinations of the unknowns that the readings know, each to a standard error of 1 under white noise."""
     singular, directions = here.spectrum
     some = len(singular) and singular[0] > 0
-    seen = singular > least_seen(here, singular[0]) if some else np.zeros(0, dtype=bool)
-    return np.asarray(directions[: len(seen)][seen].T / singular[seen])
+    determined = singular > rank_threshold(here, singular[0]) if some else np.zeros(0, dtype=bool)
+    return np.asarray(directions[: len(determined)][determined].T / singular[determined])
 
 
 def imitated(here: Evaluation) -> FloatArray:

@@ -10,7 +10,7 @@ from ipmclab.confidence import REJECT
 from ipmclab.identification.noise.correlate import Correlated
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.problem.unknowns import Unknown
-from ipmclab.identification.search.descent import beside_less, minimum_near
+from ipmclab.identification.search.descent import minimum_near, start_with_fewer
 from ipmclab.identification.search.solve import Solution
 from ipmclab.identification.search.tangent import entry_errors
 from ipmclab.model.declared import has_shape
@@ -127,7 +127,7 @@ def _switched_off(
     if not left:
         theta = solution.theta[left]
         return smaller, Solution(theta, smaller.evaluate(theta), True, "nothing else is free", 1)
-    here = beside_less(problem, smaller, solution, columns)
+    here = start_with_fewer(problem, smaller, solution, columns)
     return smaller, minimum_near(smaller, here.theta, here.evaluation, evaluations=100)
 
 

@@ -203,9 +203,9 @@ class DriftingProblem(Changed):
 
     def evaluate(self, theta: FloatArray) -> Evaluation:
         """Residuals and Jacobian, the best zeros and slopes taken out."""
-        return self.beside_zeros(super().evaluate(theta))
+        return self.zeros_taken_out(super().evaluate(theta))
 
-    def beside_zeros(self, here: Evaluation) -> Evaluation:
+    def zeros_taken_out(self, here: Evaluation) -> Evaluation:
         """An evaluation of the plain problem, the best zeros and slopes taken out."""
         rows = here.rows.copy()
         for key, piece in self.pieces.items():

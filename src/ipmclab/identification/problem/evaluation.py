@@ -12,7 +12,7 @@ import numpy.typing as npt
 FloatArray = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
-WELL_APART: Final = 1e-3  # part of a scaled column that the ones before it do not imitate
+INDEPENDENT: Final = 1e-3  # part of a scaled column that the ones before it do not imitate
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +70,7 @@ class Evaluation:
                 factor = np.linalg.cholesky(products / (size[:, None] * size))
             except np.linalg.LinAlgError:
                 factor = np.zeros_like(products)
-        if factor.diagonal().min() > WELL_APART:
+        if factor.diagonal().min() > INDEPENDENT:
             return np.asarray(factor.T * size)
         from scipy.linalg.lapack import dgeqrf
 

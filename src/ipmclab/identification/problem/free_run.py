@@ -100,8 +100,10 @@ def edge_delay(
         """Sum over the outputs of the part of the readings that no multiple of the prediction explains."""
         left = 0.0
         for name, predicted in zip(outputs, predict(model, record, outputs, delay), strict=True):
-            seen, told = measured[name][rows[name]], predicted[rows[name]]
-            left += 1.0 - float(told @ seen) ** 2 / float((told @ told) * (seen @ seen) or 1.0)
+            measured_rows, predicted_rows = measured[name][rows[name]], predicted[rows[name]]
+            left += 1.0 - float(predicted_rows @ measured_rows) ** 2 / float(
+                (predicted_rows @ predicted_rows) * (measured_rows @ measured_rows) or 1.0
+            )
         return left
 
     grid = period * np.arange(-LONGEST_DELAY, LONGEST_DELAY + 0.01, 0.25)

@@ -158,7 +158,7 @@ def prior_findings(actuator: Actuator, priors: Mapping[str, Prior], fit: Fit, al
         if free is None or prior.follows:
             sigmas = _moved(one.prior, (one.value, one.standard_error), log=log)
         else:
-            sigmas = _apart(one.prior, (free.value, free.standard_error), log=log) if own else 0.0
+            sigmas = _distance(one.prior, (free.value, free.standard_error), log=log) if own else 0.0
         left = one.standard_error / one.prior[1] * (one.prior[0] / one.value if log else 1.0)
         values = {"deviations": sigmas, "error_left": left}
         after = shown(one.value, one.standard_error)
@@ -187,7 +187,7 @@ def prior_findings(actuator: Actuator, priors: Mapping[str, Prior], fit: Fit, al
     return (*found, *_seen_before(actuator, fit))
 
 
-def _apart(one: tuple[float, float], other: tuple[float, float], *, log: bool) -> float:
+def _distance(one: tuple[float, float], other: tuple[float, float], *, log: bool) -> float:
     """Distance of two values in their common standard deviation."""
     (a, a_error), (b, b_error) = one, other
     if log:

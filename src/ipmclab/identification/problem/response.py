@@ -114,7 +114,7 @@ class CircuitResponder:
     def __init__(self, branches: int) -> None:
         self.branches = branches
         # The latest answers are kept: runs share their circuit, and a point is often asked again for other names.
-        self._seen: dict[object, tuple[Admittance, FloatArray]] = {}
+        self._admittances: dict[object, tuple[Admittance, FloatArray]] = {}
         self._chains: dict[object, FloatArray] = {}
         self._moved: dict[int, tuple[object, FloatArray]] = {}
 
@@ -129,14 +129,14 @@ class CircuitResponder:
         """Poles and residues, and the derivatives of (direct, residues, poles) with respect to the parameters."""
         point = tuple(values.values())
         behind, asked = (record.series_resistance, point), (tuple(names), point)
-        if len(self._seen) + len(self._chains) > 16:
-            self._seen.clear()
+        if len(self._admittances) + len(self._chains) > 16:
+            self._admittances.clear()
             self._chains.clear()
-        if behind not in self._seen:
-            self._seen[behind] = admittance(lumped(self.branches, values, record.series_resistance))
+        if behind not in self._admittances:
+            self._admittances[behind] = admittance(lumped(self.branches, values, record.series_resistance))
         if asked not in self._chains:
             self._chains[asked] = lumped_derivatives(self.branches, values, names)
-        seen, derivatives = self._seen[behind]
+        seen, derivatives = self._admittances[behind]
         return seen, derivatives @ self._chains[asked]
 
     def _courses(self, record: PreparedRun, poles: FloatArray, delay: float) -> FloatArray:

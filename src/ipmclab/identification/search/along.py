@@ -74,19 +74,19 @@ def held_at(problem: Problem, solution: Solution, name: str, values: Sequence[fl
     rows, lowest = shorter(problem, solution)
     found = []
     for side in ([e for e in entries if e >= own], [e for e in reversed(entries) if e < own]):
-        beside = lowest
+        neighbour = lowest
         for entry in side:
             pinned = Pinned(rows, held, entry)
             settled = _SETTLED * lowest.evaluation.cost / len(lowest.evaluation.residual)
-            best, left = pinned.follow(beside.theta, beside.evaluation, settled)
+            best, left = pinned.follow(neighbour.theta, neighbour.evaluation, settled)
             if left > settled:
                 best = descend(pinned, best.theta, best.evaluation, evaluations=EVALUATIONS, tolerance=NEAR)
             if not best.converged:  # lost on the way: from the lowest point once more
                 again = descend(pinned, np.delete(lowest.theta, held), evaluations=EVALUATIONS, tolerance=NEAR)
                 best = min(best, again, key=lambda one: one.evaluation.cost)
             errors = np.insert(entry_errors(best.evaluation), held, 0.0)
-            beside = pinned.in_full(best)
-            found.append(Place(beside if rows is problem else on_every_row(problem, beside), errors))
+            neighbour = pinned.in_full(best)
+            found.append(Place(neighbour if rows is problem else on_every_row(problem, neighbour), errors))
     return found
 
 

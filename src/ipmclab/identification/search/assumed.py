@@ -12,7 +12,7 @@ from ipmclab.identification.problem.free import FreeParameters
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.problem.record import ASSUMED_REST, PreparedRun
 from ipmclab.identification.problem.unknowns import Unknown
-from ipmclab.identification.search.descent import beside_less, minimum_beside, weigh
+from ipmclab.identification.search.descent import minimum_from, start_with_fewer, weigh
 from ipmclab.identification.search.rest import could_be_zero
 from ipmclab.identification.search.solve import Solution
 from ipmclab.run import Finding
@@ -59,8 +59,8 @@ def with_less(problem: Problem, solution: Solution, dropped: Set[int], resting: 
     smaller = Problem(
         problem.base, records, [problem.unknowns[column] for column in kept], problem.responder, problem.noise
     )
-    here = beside_less(problem, smaller, solution, sorted(dropped))
-    return weigh(smaller, minimum_beside(smaller, here))
+    here = start_with_fewer(problem, smaller, solution, sorted(dropped))
+    return weigh(smaller, minimum_from(smaller, here))
 
 
 def start_not_at_rest(record: PreparedRun) -> Finding:

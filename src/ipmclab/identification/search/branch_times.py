@@ -127,16 +127,18 @@ def _rows(problem: Problem, record: PreparedRun, theta: FloatArray, times: Float
 
 def _answers(given: Drive, circuit: Elements, times: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """The node voltage [V], that less the voltage of a capacitor charged with each time constant, and the current."""
-    seen, _ = admittance(circuit)
-    own, slopes = responses(given, seen.poles)
+    lumped_admittance, _ = admittance(circuit)
+    own, slopes = responses(given, lumped_admittance.poles)
     poles = -1.0 / times
     low, _ = responses(given, poles)
-    current = seen.direct * given.present + seen.residues @ own
+    current = lumped_admittance.direct * given.present + lumped_admittance.residues @ own
     node = given.present - circuit.series * current
-    filtered = (1.0 - circuit.series * seen.direct) * low
-    for pole, residue, answer, slope in zip(seen.poles, seen.residues, own, slopes, strict=True):
-        apart = poles - pole
-        met = np.abs(apart) < _MET * np.abs(pole)
-        twice = np.where(met[:, None], slope, (low - answer) / np.where(met, 1.0, apart)[:, None])
+    filtered = (1.0 - circuit.series * lumped_admittance.direct) * low
+    for pole, residue, answer, slope in zip(
+        lumped_admittance.poles, lumped_admittance.residues, own, slopes, strict=True
+    ):
+        differences = poles - pole
+        met = np.abs(differences) < _MET * np.abs(pole)
+        twice = np.where(met[:, None], slope, (low - answer) / np.where(met, 1.0, differences)[:, None])
         filtered -= circuit.series * residue * twice
     return node, node - filtered / times[:, None], current

@@ -119,13 +119,13 @@ def on_every_row(problem: Problem, found: Solution) -> Solution:
     return replace(found, evaluation=problem.evaluate(found.theta), evaluations=1)
 
 
-def minimum_beside(problem: Problem, near: Solution) -> Solution:
+def minimum_from(problem: Problem, near: Solution) -> Solution:
     """The minimum beside a point, with what it took to come there."""
     found = minimum_near(problem, near.theta, near.evaluation)
     return replace(found, evaluations=found.evaluations + near.evaluations)
 
 
-def beside_less(problem: Problem, smaller: Problem, solution: Solution, gone: Sequence[int]) -> Solution:
+def start_with_fewer(problem: Problem, smaller: Problem, solution: Solution, gone: Sequence[int]) -> Solution:
     """Where to look for the minimum of a problem without some entries: the others follow those that are zero in it.
 
     No logarithm is ever zero, and what is nothing without its stage (a time constant) leads nowhere.

@@ -25,7 +25,7 @@ from ipmclab.normal_equations import root
 
 FloatArray = npt.NDArray[np.float64]
 
-_BESIDE: Final = 0.1  # of a pole: a zero nearer than that leaves a slow part of less than a tenth of d(0)
+_SAME_POLE: Final = 0.1  # of a pole: a zero nearer than that leaves a slow part of less than a tenth of d(0)
 _HELD: Final = 0.02  # of what is held without a stated uncertainty: as well as four probes and a fit know it
 _CIRCUIT: Final = ("circuit.", "leak.")
 
@@ -51,7 +51,7 @@ def has_doublet(values: Mapping[str, float]) -> bool:
     if under < 0.0:
         return False
     fast = 0.5 * p1 + math.sqrt(under)
-    return any(abs(zero - pole) < _BESIDE * pole for pole in (fast, p2 / fast))
+    return any(abs(zero - pole) < _SAME_POLE * pole for pole in (fast, p2 / fast))
 
 
 def without_doublet(
@@ -92,11 +92,11 @@ def _may_be_off(actuator: Actuator, held: Mapping[str, float]) -> FloatArray:
     """By how much each value that is held [SI] is off as each of as many independent causes is one deviation off."""
     stated = actuator.standard_uncertainties
     found = np.diag([stated.get(name) or _HELD * abs(value) for name, value in held.items()])
-    told = [number for number, name in enumerate(held) if stated.get(name)]
+    uncertain = [number for number, name in enumerate(held) if stated.get(name)]
     table = stated_covariance(actuator, [name for name in held if stated.get(name)])
-    together = np.array([list(row.values()) for row in table.values()]).reshape(len(told), len(told))
+    together = np.array([list(row.values()) for row in table.values()]).reshape(len(uncertain), len(uncertain))
     if np.count_nonzero(together - np.diag(together.diagonal())):
-        found[np.ix_(told, told)] = root(together)
+        found[np.ix_(uncertain, uncertain)] = root(together)
     return found
 
 
@@ -105,10 +105,10 @@ def _loosened(problem: Problem, solution: Solution, held: Sequence[str], off: Fl
     if not held:
         return solution.evaluation.cost
     moved = problem.fixed_jacobian(solution.theta, held) @ off
-    beside = solution.evaluation.jacobian
-    columns = np.hstack([beside, moved])
+    jacobian = solution.evaluation.jacobian
+    columns = np.hstack([jacobian, moved])
     size = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
-    known = np.hstack([np.zeros((len(held), beside.shape[1])), math.sqrt(variance) * np.eye(len(held))]) / size
+    known = np.hstack([np.zeros((len(held), jacobian.shape[1])), math.sqrt(variance) * np.eye(len(held))]) / size
     rows = np.vstack([columns / size, known])
     residual = np.concatenate([solution.evaluation.residual, np.zeros(len(held))])
     step = np.linalg.lstsq(rows, residual, rcond=1e-8)[0]

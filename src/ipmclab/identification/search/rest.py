@@ -67,7 +67,7 @@ def _as_white(columns: FloatArray) -> FloatArray:
 
 
 def could_be_zero(
-    solution: Solution, columns: Sequence[int], spread: Callable[[FloatArray], FloatArray] = _as_white
+    solution: Solution, columns: Sequence[int], covariance_of: Callable[[FloatArray], FloatArray] = _as_white
 ) -> bool:
     """Whether some linear unknowns differ from zero by no more than the noise makes them (Wald's test, 0.1 %).
 
@@ -76,7 +76,7 @@ def could_be_zero(
     solution : Solution
     columns : sequence of int
         Their entries.
-    spread : function of float array, shape (n_rows, n)
+    covariance_of : function of float array, shape (n_rows, n)
         ``columns' V columns`` for noise of covariance V; that of white noise where it is left out.
     """
     from scipy.special import chdtrc
@@ -87,5 +87,5 @@ def could_be_zero(
         own = own - others @ np.linalg.lstsq(others, own, rcond=1e-12)[0]
     # The score of zero, beside its covariance: no inverse of what the readings hardly see.
     score = own.T @ (own @ theta)
-    statistic = float(score @ np.linalg.lstsq(spread(own), score, rcond=1e-10)[0])
+    statistic = float(score @ np.linalg.lstsq(covariance_of(own), score, rcond=1e-10)[0])
     return bool(chdtrc(len(columns), statistic) > REJECT)

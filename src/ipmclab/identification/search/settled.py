@@ -35,7 +35,7 @@ def settled(problem: Solvable, solution: Solution) -> Solution:
     return settled_to(problem, solution, SETTLED)[0]
 
 
-def settled_beside_unfelt(problem: Solvable, solution: Solution) -> Solution:
+def settled_with_unfelt_held(problem: Solvable, solution: Solution) -> Solution:
     """The same where an entry is hardly felt; else the solution as it is.
 
     The step of such an entry leads out of its range, or farther than derivatives lead: it says nothing, and no step of
@@ -43,7 +43,7 @@ def settled_beside_unfelt(problem: Solvable, solution: Solution) -> Solution:
     """
     if not len(solution.theta):
         return solution
-    step, _ = _step_beside_bounds(problem, solution.theta, solution.evaluation)
+    step, _ = _step_within_bounds(problem, solution.theta, solution.evaluation)
     trial = solution.theta + step
     is_far = np.abs(step) > farthest(problem)
     is_far |= (trial < problem.lower) | (trial > problem.upper)
@@ -53,7 +53,7 @@ def settled_beside_unfelt(problem: Solvable, solution: Solution) -> Solution:
     pinned = Pinned(problem, place, float(solution.theta[place]))
     others = np.delete(solution.theta, place)
     start = replace(solution, theta=others, evaluation=pinned.evaluate(others), evaluations=solution.evaluations + 1)
-    return pinned.in_full(settled(pinned, settled_beside_unfelt(pinned, start)))
+    return pinned.in_full(settled(pinned, settled_with_unfelt_held(pinned, start)))
 
 
 def settled_to(problem: Solvable, solution: Solution, ending: float) -> tuple[Solution, float]:
@@ -66,7 +66,7 @@ def settled_to(problem: Solvable, solution: Solution, ending: float) -> tuple[So
     theta, here, spent = solution.theta, solution.evaluation, solution.evaluations
     if not len(theta):
         return solution, 0.0
-    step, length = _step_beside_bounds(problem, theta, here)
+    step, length = _step_within_bounds(problem, theta, here)
     if not length < _FAR:
         return solution, length
     nearest, nearest_length, in_vain = solution, length, 0
@@ -81,7 +81,7 @@ def settled_to(problem: Solvable, solution: Solution, ending: float) -> tuple[So
         before.append((theta, step))
         theta, here = trial, problem.evaluate(trial)
         spent += 1
-        step, length = _step_beside_bounds(problem, theta, here)
+        step, length = _step_within_bounds(problem, theta, here)
         if not length < _FAR:
             break
         in_vain += 1
@@ -103,7 +103,7 @@ def _with_missed(
     return np.asarray(step - parts @ (ways + changes))
 
 
-def _step_beside_bounds(problem: Solvable, theta: FloatArray, here: Evaluation) -> tuple[FloatArray, float]:
+def _step_within_bounds(problem: Solvable, theta: FloatArray, here: Evaluation) -> tuple[FloatArray, float]:
     """A Gauss-Newton step that leaves no bound, and its length in standard errors."""
     step, _ = gauss_newton(here)
     trial = theta + step

@@ -275,22 +275,22 @@ def _trust_region(problem: Searched, inside: FloatArray, here: Evaluation | None
             fallen.to(point, kept[key])
         return kept[key]
 
-    felt = _felt(at(inside).jacobian)
+    sensitive = _sensitive(at(inside).jacobian)
 
     def whole(part: FloatArray) -> FloatArray:
         point = inside.copy()
-        point[felt] = part
+        point[sensitive] = part
         return point
 
-    if not felt.any():
+    if not sensitive.any():
         return Solution(inside, at(inside), True, _REASONS[1], 1)
     # Turned by the Q of its own point, residual and Jacobian are a few rows with the same cost and the same steps.
     try:
         found = least_squares(
             lambda part: at(whole(part)).triangle[:, -1],
-            inside[felt],
-            jac=lambda part: at(whole(part)).triangle[:, :-1][:, felt],
-            bounds=(problem.lower[felt], problem.upper[felt]),
+            inside[sensitive],
+            jac=lambda part: at(whole(part)).triangle[:, :-1][:, sensitive],
+            bounds=(problem.lower[sensitive], problem.upper[sensitive]),
             x_scale="jac",
             ftol=limits.tolerance,
             xtol=limits.tolerance,
@@ -328,7 +328,7 @@ class _Fallen:
             raise _HardlyFalls
 
 
-def _felt(jacobian: FloatArray) -> npt.NDArray[np.bool_]:
+def _sensitive(jacobian: FloatArray) -> npt.NDArray[np.bool_]:
     """Which unknowns change a digit of the cost: a search that steps in units of another would leave all numbers."""
     sizes = np.abs(jacobian).max(axis=0, initial=0.0)
     return np.asarray(sizes > UNFELT * sizes.max(initial=0.0))

@@ -52,11 +52,11 @@ def entry_errors(here: Evaluation) -> FloatArray:
 def null_directions(here: Evaluation) -> FloatArray:
     """Unit vectors along which the readings say nothing, shape (n_null, n_unknown)."""
     singular, directions = here.spectrum
-    found: FloatArray = directions[singular <= least_seen(here, singular[0])]
+    found: FloatArray = directions[singular <= rank_threshold(here, singular[0])]
     return found
 
 
-def least_seen(here: Evaluation, largest: float) -> float:
+def rank_threshold(here: Evaluation, largest: float) -> float:
     """The singular value up to which a direction is one of which the readings say nothing.
 
     That is a part of the largest, unless that is of something that was known beforehand, far better than the readings
@@ -87,7 +87,7 @@ def with_others(here: Evaluation, places: Sequence[int], moved: npt.ArrayLike) -
     size = np.sqrt((columns * columns).sum(axis=0))
     size[size == 0.0] = 1.0
     left, singular, directions = np.linalg.svd(columns / size, full_matrices=False)
-    seen = singular > STRUCTURAL * singular.max(initial=0.0)
-    turned = left.T[seen] @ right
-    step[kept] = -(directions[seen].T @ (turned / singular[seen])) / size
+    determined = singular > STRUCTURAL * singular.max(initial=0.0)
+    turned = left.T[determined] @ right
+    step[kept] = -(directions[determined].T @ (turned / singular[determined])) / size
     return step, float(turned @ turned)

@@ -13,9 +13,9 @@ import numpy.typing as npt
 from ipmclab.confidence import REJECT
 from ipmclab.identification.noise.correlate import FLOOR, Correlated
 from ipmclab.identification.noise.growing import Growth, growth
-from ipmclab.identification.noise.spread import degrees_of_freedom, spread_of_weighted
+from ipmclab.identification.noise.weighted_covariance import covariance_of_weighted, degrees_of_freedom
 from ipmclab.identification.problem.evaluation import Evaluation
-from ipmclab.identification.search.tangent import least_seen
+from ipmclab.identification.search.tangent import rank_threshold
 from ipmclab.identification.uncertainty.unshown_zero import hidden_zeros
 from ipmclab.normal_equations import root
 from ipmclab.run import FloatArray
@@ -111,8 +111,8 @@ def uncertainty(correlated: Correlated, fixed: Mapping[str, Mapping[str, float]]
         return Uncertainty(nothing, np.zeros(0), nothing, nothing, np.zeros(0), none, (), np.zeros(0), slopes=none)
     singular, directions = _of_the_asked(evaluation, nuisance)
     asked = len(directions)
-    seen = singular > least_seen(evaluation, singular[0]) if singular[0] > 0 else np.zeros(asked, dtype=bool)
-    inverse = directions[seen].T / singular[seen]
+    determined = singular > rank_threshold(evaluation, singular[0]) if singular[0] > 0 else np.zeros(asked, dtype=bool)
+    inverse = directions[determined].T / singular[determined]
     plain = inverse @ inverse.T
 
     own = evaluation.jacobian
@@ -129,7 +129,7 @@ def uncertainty(correlated: Correlated, fixed: Mapping[str, Mapping[str, float]]
     freedom = np.full(asked, float(readings))
     added = np.zeros_like(plain)
     if correlated.is_weighted:
-        added, known = spread_of_weighted(correlated)
+        added, known = covariance_of_weighted(correlated)
         added, freedom = added[np.ix_(~nuisance, ~nuisance)], np.minimum(known[~nuisance], freedom)
     elif correlated.shapes:
         freedom = np.minimum(degrees_of_freedom(correlated, own, plain), freedom)
@@ -141,7 +141,7 @@ def uncertainty(correlated: Correlated, fixed: Mapping[str, Mapping[str, float]]
         for key, piece in pieces.items():
             # What a walk adds is not of the row where it shows: no variance of a row stands for it.
             uneven = growing[key].variance if key in growing and key not in drifting else None
-            of_noise = correlated.spread(own[piece], key, uneven)
+            of_noise = correlated.covariance_of(own[piece], key, uneven)
             if key in coloured and key not in drifting:
                 of_sums = long_run(own[piece], evaluation.residual[piece])
                 of_noise = max(of_noise, of_sums, key=lambda one: float(np.sum(plain * one)))
@@ -167,7 +167,17 @@ def uncertainty(correlated: Correlated, fixed: Mapping[str, Mapping[str, float]]
         covariance = covariance + passed_on @ together.reshape(len(fixed), len(fixed)) @ passed_on.T
     zero = frozenset(name for name in names if problem.base[name] == 0.0)
     return Uncertainty(
-        covariance, of_readings, plain, directions[~seen], singular, leverage, coloured, freedom, growing, slopes, zero
+        covariance,
+        of_readings,
+        plain,
+        directions[~determined],
+        singular,
+        leverage,
+        coloured,
+        freedom,
+        growing,
+        slopes,
+        zero,
     )
 
 

@@ -66,7 +66,7 @@ class Interval:
         if unknown.name not in rival.entries:
             return False
         entry, reach = rival.entries[unknown.name], rival.reach[unknown.name]
-        low, high = beside_bounds(unknown, entry - reach, entry + reach)
+        low, high = values_within_bounds(unknown, entry - reach, entry + reach)
         return low < min(self.low, self.allowed[0]) or high > max(self.high, self.allowed[1])
 
 
@@ -116,17 +116,17 @@ def interval_of(
     reach = float(stdtrit(freedom, level)) * math.sqrt(variance)
     curved = math.sqrt(variance) > (_CURVED if unknown.log else _BENT * abs(entry))
     if not followed or not curved or not (unknown.log or is_curved(unknown.base)):
-        return Interval(*beside_bounds(unknown, entry - reach, entry + reach))
+        return Interval(*values_within_bounds(unknown, entry - reach, entry + reach))
     if not unknown.log and math.sqrt(variance) > DETERMINED * unknown.size(unknown.value(entry)):
-        return Interval(*beside_bounds(unknown, -math.inf, math.inf))
+        return Interval(*values_within_bounds(unknown, -math.inf, math.inf))
     plain = float(found.plain[number, number])
     # How the squares rise on either side of the value shows in means of the rows as well.
     walks = tuple(Walk(*shorter(problem, solution), place, side * math.sqrt(plain)) for side in (-1.0, 1.0))
     wider = math.sqrt(max(variance / plain, 1.0))
     tails = _TAILS if level < _SURE_AT_BOUNDS else (1.0 - level,)
     (down, up), even = _shortest(walks, freedom, wider, tails)
-    low, high = beside_bounds(unknown, entry - down, entry + up)
-    allowed = beside_bounds(unknown, entry - even[0], entry + even[1])
+    low, high = values_within_bounds(unknown, entry - down, entry + up)
+    allowed = values_within_bounds(unknown, entry - even[0], entry + even[1])
     is_open = not unknown.log or math.isinf(down) or math.isinf(up)
     nearer = math.inf if is_open else min(walk.crossed(wider) for walk in walks)
     is_known = nearer <= DETERMINED and not is_too_wide(unknown, (low, high))
@@ -169,7 +169,7 @@ def _from_its_bound(correlated: Correlated, unknown: Unknown, place: int, height
             break
         wider = found
     low, high = sorted((entry, entry + inwards * away))
-    return Interval(*beside_bounds(unknown, low, high), ends=(end,))
+    return Interval(*values_within_bounds(unknown, low, high), ends=(end,))
 
 
 def _shortest(
@@ -222,7 +222,7 @@ def is_too_wide(unknown: Unknown, interval: tuple[float, float]) -> bool:
     return unknown.log and high * (1.0 - even) > low * (1.0 + even)
 
 
-def beside_bounds(unknown: Unknown, low: float, high: float) -> tuple[float, float]:
+def values_within_bounds(unknown: Unknown, low: float, high: float) -> tuple[float, float]:
     """The values of two entries, of which an infinite one leaves that side open, up to a bound that means something.
 
     How far a fit looks for a parameter (1e9 ohm m) means nothing: an entry there is an open side too. What is known
@@ -260,11 +260,11 @@ def with_rivals(
     unknown: Unknown, entry: float, interval: tuple[float, float], others: Sequence[tuple[float, float]]
 ) -> tuple[tuple[float, float], bool]:
     """The interval widened to other fits that are as good and as far as each reaches, and whether they agree."""
-    ends = [beside_bounds(unknown, other - reach, other + reach) for other, reach in others]
+    ends = [values_within_bounds(unknown, other - reach, other + reach) for other, reach in others]
     size = unknown.size(unknown.value(entry))
-    apart = [abs(other - entry) / size for other, _ in others if unknown.log or is_curved(unknown.base)]
+    distances = [abs(other - entry) / size for other, _ in others if unknown.log or is_curved(unknown.base)]
     low, high = min([interval[0], *(low for low, _ in ends)]), max([interval[1], *(high for _, high in ends)])
-    return (low, high), all(gap <= _TWO_ERRORS for gap in apart)
+    return (low, high), all(gap <= _TWO_ERRORS for gap in distances)
 
 
 def half_width(unknown: Unknown, interval: tuple[float, float]) -> float:

@@ -96,14 +96,14 @@ def known_of(
             chosen[base] = name
         elif name in values:
             others.setdefault(base, []).append(values[name])
-    spread = {base: found for base, found in others.items() if base not in chosen}
-    told = {base: _of_another(found) for base, found in spread.items() if len(found) >= FEWEST}
-    names = (*chosen, *told)
+    remaining = {base: found for base, found in others.items() if base not in chosen}
+    of_others = {base: _of_another(found) for base, found in remaining.items() if len(found) >= FEWEST}
+    names = (*chosen, *of_others)
     covariance = np.zeros((len(names), len(names)))
     full = np.array([[table[one][other] for other in chosen.values()] for one in chosen.values()])
     covariance[: len(chosen), : len(chosen)] = full.reshape(len(chosen), len(chosen))
-    covariance[range(len(chosen), len(names)), range(len(chosen), len(names))] = list(told.values())
-    return KnownCovariance(names, covariance, tuple(base for base in spread if base not in told))
+    covariance[range(len(chosen), len(names)), range(len(chosen), len(names))] = list(of_others.values())
+    return KnownCovariance(names, covariance, tuple(base for base in remaining if base not in of_others))
 
 
 def _of_another(found: Sequence[float]) -> float:

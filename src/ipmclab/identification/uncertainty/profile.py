@@ -19,12 +19,12 @@ from ipmclab.run import FloatArray
 _FARTHEST: Final = 7.0  # a factor of a thousand: beyond it an interval is called open
 _LONGEST_STEP: Final = 1.0  # of an entry
 _NEAR: Final = 1e-7  # of the cost: beside a threshold of 3.84 nothing
-_BESIDE: Final = 0.05  # part of a height up to which a line continues a point
+_LINEAR: Final = 0.05  # part of a height up to which a line continues a point
 _JOINED: Final = 0.4  # part of a height over which a cubic joins two points
 _POINTS: Final = 40  # at most, on one side
 _FLAT: Final = 0.3  # part of a height below which a point lies in a plain
 _WALL: Final = 3.0  # times a height, beyond which a point lies behind a wall
-_APART: Final = 1e-5  # of an entry, between which a derivative is taken
+_DIFFERENCE: Final = 1e-5  # of an entry, between which a derivative is taken
 _SETTLED: Final = 5e-3  # of the threshold: what a further step of the others would still lower the cost by
 _HARDLY: Final = 0.1  # of an excess: less moves its root by a twentieth
 _LOST: Final = 3  # points of one side at which the others found no minimum, from which on nobody follows it
@@ -107,7 +107,7 @@ class Walk:
             near, far = self._around(height)
             if far is None and near.height >= self._ends_at:
                 return math.inf
-            found = self._told(near, far, height)
+            found = self._crossing(near, far, height)
             if found is not None:
                 return found
             trial = self._next(near, far, height)
@@ -160,16 +160,16 @@ class Walk:
                 return before, after
         return self.points[-1], None
 
-    def _told(self, near: Point, far: Point | None, height: float) -> float | None:
+    def _crossing(self, near: Point, far: Point | None, height: float) -> float | None:
         """The distance of a height beside points that are close enough to tell it."""
         if far is None:
             missing, away, slope = height - near.height, self._away(near), self._slope(near)
-            on = missing <= _BESIDE * min(height, slope * away)
+            on = missing <= _LINEAR * min(height, slope * away)
             return away + missing / slope if away > 0.0 and on else None
         if not far.is_found:
             return None
         beyond, away, slope = far.height - height, self._away(far), self._slope(far)
-        if beyond <= _BESIDE * min(height, slope * away):
+        if beyond <= _LINEAR * min(height, slope * away):
             return max(away - beyond / slope, self._away(near)) if slope > 0.0 else away
         between = away - self._away(near)
         if (far.height - near.height < _JOINED * height and near.height > 0.0) or between < 1e-3 * away:
@@ -249,5 +249,5 @@ def _pull(problem: Problem, point: Point, place: int) -> float:
     triangle, right = point.evaluation.triangle[:, :-1], point.evaluation.triangle[:, -1]
     step, _ = with_others(point.evaluation, [place], [0.0])
     along = with_others(point.evaluation, [place], [1.0])[0] - step
-    ahead, behind = (problem.spared(point.theta + side * _APART * along) for side in (1.0, -1.0))
-    return 2.0 * float(triangle[:, place] @ (right + triangle @ step)) - (ahead - behind) / (2.0 * _APART)
+    ahead, behind = (problem.spared(point.theta + side * _DIFFERENCE * along) for side in (1.0, -1.0))
+    return 2.0 * float(triangle[:, place] @ (right + triangle @ step)) - (ahead - behind) / (2.0 * _DIFFERENCE)

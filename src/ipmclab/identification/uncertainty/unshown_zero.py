@@ -54,9 +54,9 @@ def unshown_zeros(problem: Problem, solution: Solution) -> list[Finding]:
         moved = inverse @ along
         # What neither the parameters nor the noise imitate of it.
         power = float(column @ column)
-        seen = math.sqrt(max(power - float(along @ along), 0.0))
+        remaining = math.sqrt(max(power - float(along @ along), 0.0))
         zero = LARGEST_ZERO * float(np.abs(record.readings["current"].measured).max(initial=0.0))
-        zero = min(zero, NORMAL_95 / seen) if seen > _NOTHING * math.sqrt(power) else zero
+        zero = min(zero, NORMAL_95 / remaining) if remaining > _NOTHING * math.sqrt(power) else zero
         away = {problem.unknowns[k].name: abs(float(moved[k])) * zero for k in free if abs(moved[k]) * zero > errors[k]}
         if away:
             found.append(_finding(record.label, zero, away))

@@ -75,7 +75,7 @@ def directions(
     named = [_null_direction(unknowns, row, records, actuator) for row in sparse(found.null / size)]
     covariance = sharper.covariance / (size[:, None] * size)
     errors = np.sqrt(np.maximum(covariance.diagonal(), 0.0))
-    to_rivals = _apart(unknowns, values, rivals) / size
+    to_rivals = _distances(unknowns, values, rivals) / size
     nameless = np.any(np.abs(found.null / size) > MOVED, axis=0)
     exchanged = series_against_branches(
         names, covariance, np.where(nameless, 0.0, to_rivals), DETERMINED, _outputs(records)
@@ -163,8 +163,8 @@ def _uncertain_value(row: FloatArray, found: Uncertainty, size: FloatArray) -> s
     of_readings = np.sqrt(found.of_readings) / size
     if not found.slopes or np.any(of_readings[large] > DETERMINED):
         return ""
-    felt = {name: float(np.abs(found.leverage[name][large]).max()) for name in found.slopes}
-    return max(felt, key=felt.__getitem__) if max(felt.values()) > 0.0 else ""
+    leverages = {name: float(np.abs(found.leverage[name][large]).max()) for name in found.slopes}
+    return max(leverages, key=leverages.__getitem__) if max(leverages.values()) > 0.0 else ""
 
 
 def _held_uncertain(plain: Direction, held: str) -> Direction:
@@ -219,7 +219,7 @@ def _shown_by(
     return tuple(found)
 
 
-def _apart(unknowns: Sequence[Unknown], values: FloatArray, rivals: Sequence[Rival]) -> FloatArray:
+def _distances(unknowns: Sequence[Unknown], values: FloatArray, rivals: Sequence[Rival]) -> FloatArray:
     """Distance of each entry to the farthest other fit that is as good."""
     own = np.array([unknown.entry(float(value)) for unknown, value in zip(unknowns, values, strict=True)])
     there = [rival.vector_of(unknowns, own) for rival in rivals]

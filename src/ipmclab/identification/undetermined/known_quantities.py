@@ -30,7 +30,7 @@ from ipmclab.run import FloatArray, Run
 from ipmclab.ties import largest_first
 
 _STEP: Final = 1e-4  # of an entry, for a derivative: entries are logarithms, or of order one
-_FELT: Final = 1e-6  # part of a quantity that moves with an entry: less is rounding
+_ROUNDING: Final = 1e-6  # part of a quantity that moves with an entry: less is rounding
 _SAME: Final = 1e-9  # part of a value, in which runs agree but for rounding
 
 
@@ -86,22 +86,22 @@ def known_quantities(actuator: Actuator, points: Sequence[Point]) -> tuple[Known
             found.setdefault(one.name, {}).update({record.place: one for record in together})
     records = points[0].problem.records
     each_its_own = any(not one.belongs_to(record.place) for one in unknowns for record in records)
-    told = []
+    quantities_found = []
     for name, of_runs in found.items():
         first = next(iter(of_runs.values()))
         # Where runs have values of their own, what only some of them determine is a number of these.
         of_all = len(of_runs) == len(records) or not each_its_own
         if of_all and all(abs(one.value - first.value) <= _SAME * abs(first.value) for one in of_runs.values()):
-            told.append(first)
+            quantities_found.append(first)
         else:
-            told += [replace(one, name=f"{name}[{place}]") for place, one in of_runs.items()]
-    return tuple(told)
+            quantities_found += [replace(one, name=f"{name}[{place}]") for place, one in of_runs.items()]
+    return tuple(quantities_found)
 
 
 def _of_runs(actuator: Actuator, points: Sequence[Point], alike: Sequence[PreparedRun]) -> list[Known]:
     """What is known of runs that share all parameters: what one of them lasts for, and no peak contradicts."""
     longest = max(_driven_for(record.run) for record in alike)
-    each = [_known_at(point, _Seen(actuator, point.problem, alike[0], longest)) for point in points]
+    each = [_known_at(point, _AtRecord(actuator, point.problem, alike[0], longest)) for point in points]
     known = []
     for name, one in each[0].items():
         if any(name not in other for other in each):
@@ -132,7 +132,7 @@ def _is_narrow(name: str, value: float, low: float, high: float) -> bool:
 
 
 @dataclass(frozen=True, eq=False)
-class _Seen:
+class _AtRecord:
     """The quantities that one run shows, each on the scale of its errors: a logarithm, or the value itself."""
 
     actuator: Actuator
@@ -152,36 +152,36 @@ class _Seen:
         return [
             {
                 name: math.log(value) if derived(name).positive else value
-                for name, value in told.items()
+                for name, value in quantities_found.items()
                 if math.isfinite(value) and (value > 0.0 or not derived(name).positive)
             }
-            for told in each
+            for quantities_found in each
         ]
 
-    def along(self, theta: FloatArray, entry: int) -> _Beside:
+    def along(self, theta: FloatArray, entry: int) -> _Neighbours:
         """On both sides of an entry, no farther than its bounds."""
         unknown = self.problem.unknowns[entry]
         ends = [unknown.entry(unknown.value(float(theta[entry]) + step)) for step in (-_STEP, _STEP)]
         below, above = (self.at(np.where(np.arange(len(theta)) == entry, end, theta)) for end in ends)
-        return _Beside(below, above, ends[1] - ends[0])
+        return _Neighbours(below, above, ends[1] - ends[0])
 
-    def along_fixed(self, theta: FloatArray, name: str, value: float, variance: float) -> _Beside:
+    def along_fixed(self, theta: FloatArray, name: str, value: float, variance: float) -> _Neighbours:
         """On both sides of a fixed value [1/SI]; above one that is 0."""
         step = _STEP * (abs(value) or math.sqrt(variance))
         ends = value - step if value else 0.0, value + step
         below, above = (self.at(theta, **{name: end}) for end in ends)
-        return _Beside(below, above, ends[1] - ends[0])
+        return _Neighbours(below, above, ends[1] - ends[0])
 
-    def slopes(self, beside: Sequence[_Beside]) -> list[dict[str, float]]:
+    def slopes(self, neighbours: Sequence[_Neighbours]) -> list[dict[str, float]]:
         """Derivatives of the quantities; none of one that does not exist on both sides, or where these are one."""
-        told = self.quantities([point for one in beside for point in (one.below, one.above)])
+        quantities_found = self.quantities([point for one in neighbours for point in (one.below, one.above)])
         return [
             {name: (above[name] - value) / one.width for name, value in below.items() if name in above and one.width}
-            for one, below, above in zip(beside, told[::2], told[1::2], strict=True)
+            for one, below, above in zip(neighbours, quantities_found[::2], quantities_found[1::2], strict=True)
         ]
 
 
-class _Beside(NamedTuple):
+class _Neighbours(NamedTuple):
     """The parameters on both sides of one of them, and how far these are apart."""
 
     below: Mapping[str, float]
@@ -189,24 +189,24 @@ class _Beside(NamedTuple):
     width: float
 
 
-def _known_at(point: Point, seen: _Seen) -> dict[str, Known]:
+def _known_at(point: Point, at_record: _AtRecord) -> dict[str, Known]:
     """Each quantity of one run that moves with what is free, and with nothing about which the readings say nothing."""
     problem, found, theta = point.problem, point.found, point.theta
-    base = problem.values(theta, seen.record.place)
+    base = problem.values(theta, at_record.record.place)
     stated = [name for name in point.stated if name in base]
     exact = [name for name in found.leverage if name not in point.stated and base.get(name)]
     held = (*stated, *exact)
-    moved = [seen.along(theta, place) for place, _ in problem.asked]
+    moved = [at_record.along(theta, place) for place, _ in problem.asked]
     variances = [point.stated[name][name] if name in stated else 0.0 for name in held]
-    fixed = [seen.along_fixed(theta, name, base[name], one) for name, one in zip(held, variances, strict=True)]
-    every = seen.slopes([*moved, *fixed])
+    fixed = [at_record.along_fixed(theta, name, base[name], one) for name, one in zip(held, variances, strict=True)]
+    every = at_record.slopes([*moved, *fixed])
     own, of_held = every[: len(moved)], every[len(moved) :]
     others = [rival.vector_of(problem.unknowns, theta) for rival in point.rivals]
-    here, *elsewhere = seen.quantities([base, *(seen.at(one) for one in (*others, *point.ends))])
+    here, *elsewhere = at_record.quantities([base, *(at_record.at(one) for one in (*others, *point.ends))])
     follows = np.array([found.slopes[name] for name in held]).reshape(len(held), len(own))
     together = np.array([[point.stated[one][other] for other in stated] for one in stated])
     together = together.reshape(len(stated), len(stated))
-    told = {}
+    quantities_found = {}
     for name, value in here.items():
         scale = 1.0 if derived(name).positive else max(abs(value), 1e-300)
         free = np.array([one.get(name, math.nan) for one in own])
@@ -214,7 +214,7 @@ def _known_at(point: Point, seen: _Seen) -> dict[str, Known]:
         there = [one.get(name, math.nan) for one in elsewhere]
         if not all(np.all(np.isfinite(numbers)) for numbers in (free, direct, there)):
             continue
-        if np.all(np.abs(free) <= _FELT * scale) or np.any(np.abs(found.null @ free) > MOVED * scale):
+        if np.all(np.abs(free) <= _ROUNDING * scale) or np.any(np.abs(found.null @ free) > MOVED * scale):
             continue
         of_stated = direct[: len(stated)]
         crossed = 2.0 * float(free @ follows[: len(stated)].T @ together @ of_stated)
@@ -227,8 +227,8 @@ def _known_at(point: Point, seen: _Seen) -> dict[str, Known]:
         leans = tuple(exact[k] for k in largest_first(moves) if affected[k]) if affected.any() else ()
         as_good, ends = [value, *there[: len(others)]], there[len(others) :]
         low, high = min(min(as_good) - reach, *ends, value), max(max(as_good) + reach, *ends, value)
-        told[name] = Known(name, _value(name, value), (_value(name, low), _value(name, high)), leans)
-    return told
+        quantities_found[name] = Known(name, _value(name, value), (_value(name, low), _value(name, high)), leans)
+    return quantities_found
 
 
 def _value(name: str, on_scale: float) -> float:

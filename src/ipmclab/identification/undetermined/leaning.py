@@ -17,7 +17,7 @@ from ipmclab.model.declared import MOTION, in_group
 from ipmclab.run import Finding, Severity
 from ipmclab.ties import largest_first
 
-_FELT: Final = 1e-3  # of a parameter, for 1 % of a fixed value: what is less is not reported
+_REPORTED: Final = 1e-3  # of a parameter, for 1 % of a fixed value: what is less is not reported
 _AMPLIFIED: Final = 0.05  # likewise: a warning whatever the fixed value is
 _NAMED: Final = 3  # parameters that a sentence names
 
@@ -55,21 +55,21 @@ def leaning_findings(
     # What moves a parameter that the readings leave open says nothing of it.
     known = np.array([one.determined for one in own], dtype=bool)
     half = np.array([_half(unknown, one.interval) for unknown, one in zip(asked, own, strict=True)])
-    told: list[tuple[float, Finding]] = []
+    sized: list[tuple[float, Finding]] = []
     for name in (*stated, *exact):
         moved = np.where(finite if name in stated else known, np.abs(found.leverage[name]), 0.0)
         largest = float(moved.max(initial=0.0))
-        if largest < (1e-9 if name in stated else _FELT):
+        if largest < (1e-9 if name in stated else _REPORTED):
             continue
-        most = [k for k in largest_first(moved)[:_NAMED] if moved[k] >= min(_FELT, largest)]
+        most = [k for k in largest_first(moved)[:_NAMED] if moved[k] >= min(_REPORTED, largest)]
         amount = "1 %" if name not in found.zero else "one standard uncertainty"
         leans = f"{amount} of {order(name)} moves "
         leans += ", ".join(f"{order(asked[k].name)} by {100.0 * moved[k]:.2g} %" for k in most)
         if name in stated:
             message = f"the stated uncertainty of {order(name)} is passed on to the errors: {leans}"
-            told.append((largest, Finding("fixed-uncertainty", "info", message, "", values={"leverage": largest})))
+            sized.append((largest, Finding("fixed-uncertainty", "info", message, "", values={"leverage": largest})))
             continue
-        beyond = finite & (moved > half) & (moved >= _FELT)
+        beyond = finite & (moved > half) & (moved >= _REPORTED)
         if not in_group(MOTION, [name]):
             beyond &= moved > _AMPLIFIED
         message = f"{order(name)} is taken as exact, because no uncertainty is stated for it: {leans}"
@@ -77,8 +77,8 @@ def leaning_findings(
             message += ", farther than the 95 % interval reaches"
         severity: Severity = "warning" if beyond.any() else "info"
         repair = 'write it as { value = "...", standard_uncertainty = "..." } in the actuator\'s file'
-        told.append((largest, Finding("exact-fixed-value", severity, message, repair, values={"leverage": largest})))
-    return [told[k][1] for k in largest_first([size for size, _ in told])]
+        sized.append((largest, Finding("exact-fixed-value", severity, message, repair, values={"leverage": largest})))
+    return [sized[k][1] for k in largest_first([size for size, _ in sized])]
 
 
 def _half(unknown: Unknown, interval: tuple[float, float]) -> float:

@@ -19,7 +19,7 @@ from ipmclab.identification.problem.evaluation import Evaluation
 from ipmclab.identification.problem.order import Order
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.search.solve import Solution
-from ipmclab.identification.search.tangent import STRUCTURAL, least_seen
+from ipmclab.identification.search.tangent import STRUCTURAL, rank_threshold
 from ipmclab.identification.uncertainty.covariance import MOVED, left_of_the_asked
 from ipmclab.identification.undetermined.diagnosis import sizes
 from ipmclab.run import FloatArray
@@ -55,7 +55,7 @@ def practical_from(names: list[str], sensitivity: FloatArray, here: Evaluation |
     count = len(names)
     _, singular, directions = np.linalg.svd(sensitivity, full_matrices=True)
     singular = np.concatenate([singular, np.zeros(count - len(singular))])
-    determined = singular > (STRUCTURAL * singular[0] if here is None else least_seen(here, singular[0]))
+    determined = singular > (STRUCTURAL * singular[0] if here is None else rank_threshold(here, singular[0]))
     errors = np.where(determined, 1.0 / np.where(determined, singular, 1.0), inf)
     found = tuple(
         Combination(dict(zip(names, map(float, upright(row)), strict=True)), float(error))

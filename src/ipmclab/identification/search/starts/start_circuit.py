@@ -122,20 +122,22 @@ def _search(records: Sequence[PreparedRun], delays: Mapping[int, float], branche
     return search_poles(series, branches, direct, tries=tries)
 
 
-def circuit_values(seen: Admittance, values: Mapping[str, float], series: float) -> tuple[dict[str, float], bool]:
+def circuit_values(
+    lumped_admittance: Admittance, values: Mapping[str, float], series: float
+) -> tuple[dict[str, float], bool]:
     """Parameters of the circuit that shows an admittance, and whether it is physical as it stands.
 
     Parameters
     ----------
-    seen : Admittance
+    lumped_admittance : Admittance
     values : mapping of name to float [SI]
         Where the dimensions stand.
     series : float [ohm]
         Everything in series with the branches.
     """
-    exact = elements(series, seen)
+    exact = elements(series, lumped_admittance)
     physical = exact.is_physical()
-    return named_values(exact if physical else _nearest(series, seen), values), physical
+    return named_values(exact if physical else _nearest(series, lumped_admittance), values), physical
 
 
 def named_values(circuit: Elements, values: Mapping[str, float]) -> dict[str, float]:
@@ -148,36 +150,42 @@ def named_values(circuit: Elements, values: Mapping[str, float]) -> dict[str, fl
     return found
 
 
-def _nearest(series: float, seen: Admittance) -> Elements:
+def _nearest(series: float, lumped_admittance: Admittance) -> Elements:
     """A physical circuit near an admittance that noise, or a wrong series resistance, made unphysical."""
-    seen = _shared(seen)
-    direct = seen.direct if seen.direct > 0 else float(np.sum(np.abs(seen.residues / seen.poles)))
+    lumped_admittance = _shared(lumped_admittance)
+    direct = (
+        lumped_admittance.direct
+        if lumped_admittance.direct > 0
+        else float(np.sum(np.abs(lumped_admittance.residues / lumped_admittance.poles)))
+    )
     direct = max(direct, _LEAST_DIRECT)
     if series * direct > _NEARLY_ALL:
         direct = _NEARLY_ALL / series
-    weights = np.maximum(-seen.residues / -seen.poles, 1e-3 * direct)
+    weights = np.maximum(-lumped_admittance.residues / -lumped_admittance.poles, 1e-3 * direct)
     # The current that is left at the end, direct - sum(weights), must stay above zero.
     weights *= min(1.0, 0.99 * direct / float(np.sum(weights)))
-    found = elements(series, Admittance(direct, weights * seen.poles, _apart(seen.poles)))
+    found = elements(series, Admittance(direct, weights * lumped_admittance.poles, _separated(lumped_admittance.poles)))
     if found.is_physical():
         return found
-    count = len(seen.poles)
+    count = len(lumped_admittance.poles)
     resistance = max(1.0 / direct - series, 0.01 / direct) * count
-    return Elements(series, 10.0 * resistance, np.full(count, resistance), -1.0 / (seen.poles * resistance))
+    return Elements(
+        series, 10.0 * resistance, np.full(count, resistance), -1.0 / (lumped_admittance.poles * resistance)
+    )
 
 
-def _shared(seen: Admittance) -> Admittance:
+def _shared(lumped_admittance: Admittance) -> Admittance:
     """The same with poles that have met as one, in equal parts: what each of them carries is rounding."""
-    order = np.argsort(seen.poles)
-    poles, residues = seen.poles[order], seen.residues[order]
+    order = np.argsort(lumped_admittance.poles)
+    poles, residues = lumped_admittance.poles[order], lumped_admittance.residues[order]
     for group in np.split(np.arange(len(poles)), 1 + np.flatnonzero(np.diff(np.log(-poles)) <= -math.log(_MET))):
         poles[group], residues[group] = -np.exp(np.mean(np.log(-poles[group]))), np.mean(residues[group])
-    return Admittance(seen.direct, residues, poles)
+    return Admittance(lumped_admittance.direct, residues, poles)
 
 
-def _apart(poles: FloatArray) -> FloatArray:
+def _separated(poles: FloatArray) -> FloatArray:
     """The same poles, fastest first, no two nearer than ``_MET``."""
-    apart = np.sort(poles)
-    for place in range(1, len(apart)):
-        apart[place] = max(apart[place], apart[place - 1] / _MET)
-    return apart
+    sorted_poles = np.sort(poles)
+    for place in range(1, len(sorted_poles)):
+        sorted_poles[place] = max(sorted_poles[place], sorted_poles[place - 1] / _MET)
+    return sorted_poles

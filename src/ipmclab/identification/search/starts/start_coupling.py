@@ -43,12 +43,12 @@ def coupling_starts(
     stiffness_is_free : bool
         Whether Young's modulus is to be started too, where displacement tells d(s) without it.
     """
-    seen = motion_series(actuator, records, delays)
+    motion = motion_series(actuator, records, delays)
     slow = {output: len(slow_poles(actuator, output)) for output in ("displacement", "force")}
-    moving, pressing = seen.of("displacement"), seen.of("force")
+    moving, pressing = motion.of("displacement"), motion.of("force")
     separate = stiffness_is_free and bool(moving.series) and bool(pressing.series)
     if slow["displacement"] == slow["force"] == 0:
-        every = moving if separate else seen
+        every = moving if separate else motion
         found = _from(every, _worth_it(_minima(every, 2)))
         stiffness = _stiffness(_minima(moving, 2)[0], pressing.series) if separate else 1.0
         return [_named(start) | _modulus(actuator, stiffness, separate) for start in found]
@@ -59,7 +59,7 @@ def coupling_starts(
         for start, own in _with_slow_modes(actuator, of, slow[of.output]):
             values = _named(start) | own
             if other.series:
-                stiffness, of_other = _beside(start, other, slow[other.output], separate=separate)
+                stiffness, of_other = _with_other(start, other, slow[other.output], separate=separate)
                 values |= slow_values(actuator, other.output, of_other) | _modulus(actuator, stiffness, separate)
             starts.append(values)
     return starts
@@ -125,8 +125,8 @@ def _named(start: _Start) -> dict[str, float]:
     }
 
 
-def _from(seen: MotionSeries, minima: Sequence[PoleFit]) -> list[_Start]:
-    nyquist = float(np.pi * max(record.run.rate for record, _ in seen.labels))
+def _from(motion: MotionSeries, minima: Sequence[PoleFit]) -> list[_Start]:
+    nyquist = float(np.pi * max(record.run.rate for record, _ in motion.labels))
     starts: list[_Start] = []
     for found in minima:
         fast, level, gain = _fast_pair(found)
@@ -162,7 +162,7 @@ def _fast_pair(found: PoleFit) -> tuple[list[int], float, float]:
     return fast, abs(level) or 1e-12, gain
 
 
-def _beside(
+def _with_other(
     start: _Start, other: MotionSeries, slow: int, *, separate: bool
 ) -> tuple[float, tuple[tuple[float, float], ...]]:
     """Stiffness over the one assumed, and slow modes, of the other output for a d(s) that is known."""
@@ -187,48 +187,48 @@ def _beside(
     return stiffness, slow_modes(found.poles, found.residues, stiffness * start.level / start.p2)
 
 
-def _minima(seen: MotionSeries, count: int) -> list[PoleFit]:
+def _minima(motion: MotionSeries, count: int) -> list[PoleFit]:
     """Every different minimum of so many poles, no sensor drifting by more than its rows at 0 V allow."""
-    found = all_minima(seen.series, count, sensors(seen))
-    held = dict(_beyond(seen, found[0].common))
+    found = all_minima(motion.series, count, sensors(motion))
+    held = dict(_beyond(motion, found[0].common))
     if not held:
         return found
     series = [
         replace(run, readings=run.readings - held[k] * run.time) if k in held else run
-        for k, run in enumerate(seen.series)
+        for k, run in enumerate(motion.series)
     ]
-    return all_minima(series, count, sensors(seen, without=held))
+    return all_minima(series, count, sensors(motion, without=held))
 
 
-def _beyond(seen: MotionSeries, common: FloatArray) -> Iterator[tuple[int, float]]:
+def _beyond(motion: MotionSeries, common: FloatArray) -> Iterator[tuple[int, float]]:
     """The series whose slope is none that its rows at 0 V allow, and the nearest one that is."""
-    for (k, is_slope), weight in zip(_columns(seen), common, strict=True):
+    for (k, is_slope), weight in zip(_columns(motion), common, strict=True):
         if not is_slope:
             continue
-        slope = float(weight) / float(seen.series[k].time[-1])
-        record, output = seen.labels[k]
+        slope = float(weight) / float(motion.series[k].time[-1])
+        record, output = motion.labels[k]
         least, most = record.limits("drift", output)
-        nearest = min(max(slope, least / seen.scales[k]), most / seen.scales[k])
+        nearest = min(max(slope, least / motion.scales[k]), most / motion.scales[k])
         if nearest != slope:
             yield k, nearest
 
 
-def _columns(seen: MotionSeries, without: Container[int] = ()) -> list[tuple[int, bool]]:
+def _columns(motion: MotionSeries, without: Container[int] = ()) -> list[tuple[int, bool]]:
     """Of each column that sensors add the series, and whether it is a slope."""
     return [
         (k, is_slope)
-        for k, (record, output) in enumerate(seen.labels)
+        for k, (record, output) in enumerate(motion.labels)
         for is_slope in (False, True)
         if not is_slope or (("drift", output) in record.unsettled and k not in without)
     ]
 
 
-def sensors(seen: MotionSeries, *, without: Container[int] = ()) -> FloatArray:
+def sensors(motion: MotionSeries, *, without: Container[int] = ()) -> FloatArray:
     """What sensors add: a constant for each series, for a zero is arbitrary, and a slope where the record shows one.
 
     Parameters
     ----------
-    seen : MotionSeries
+    motion : MotionSeries
     without : container of int
         Series whose slope is known.
 
@@ -236,11 +236,11 @@ def sensors(seen: MotionSeries, *, without: Container[int] = ()) -> FloatArray:
     -------
     columns : float array, shape (n_column, n_total)
     """
-    ends = np.cumsum([0, *(len(run.time) for run in seen.series)])
-    what = _columns(seen, without)
+    ends = np.cumsum([0, *(len(run.time) for run in motion.series)])
+    what = _columns(motion, without)
     columns = np.zeros((len(what), ends[-1]))
     for column, (k, is_slope) in zip(columns, what, strict=True):
-        time = seen.series[k].time
+        time = motion.series[k].time
         column[ends[k] : ends[k + 1]] = time / time[-1] if is_slope else 1.0
     return columns
 
@@ -279,7 +279,11 @@ class MotionSeries:
 
 
 def motion_series(
-    actuator: Actuator, records: Sequence[PreparedRun], delays: Mapping[int, float], *, beside: Actuator | None = None
+    actuator: Actuator,
+    records: Sequence[PreparedRun],
+    delays: Mapping[int, float],
+    *,
+    known_part: Actuator | None = None,
 ) -> MotionSeries:
     """Displacement and force of all records as the searches for poles see them.
 
@@ -288,7 +292,7 @@ def motion_series(
     actuator : Actuator
     records : sequence of PreparedRun
     delays : mapping of place to float [s]
-    beside : Actuator, optional
+    known_part : Actuator, optional
         What this one answers is taken off the readings.
     """
     height, width = actuator["geometry.thickness"], actuator["geometry.width"]
@@ -304,7 +308,7 @@ def motion_series(
         wanted = [output for output in scales if output in record.readings]
         if not wanted:
             continue
-        strip = seen_from_sensor(actuator if beside is None else beside, record.series_resistance)
+        strip = seen_from_sensor(actuator if known_part is None else known_part, record.series_resistance)
         node, *known = simulate_outputs(
             strip,
             record.run.time,
@@ -318,7 +322,7 @@ def motion_series(
         for output, answer in zip(wanted, known, strict=True):
             reading = record.readings[output]
             scale = scales[output]
-            values = reading.values if beside is None else reading.values - answer
+            values = reading.values if known_part is None else reading.values - answer
             found.append(
                 SearchedRun(
                     given,

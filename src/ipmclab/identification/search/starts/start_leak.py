@@ -67,12 +67,12 @@ def leak_starts(
     circuit_is_free = any(name.startswith("circuit.") for name in free)
     known = admittance(lumped(structure.branches, actuator.parameter_values, records[0].series_resistance))[0]
 
-    def circuit_beside(leak: FloatArray) -> Admittance:
+    def circuit_with(leak: FloatArray) -> Admittance:
         return node.circuit(leak, structure.branches) if circuit_is_free else known
 
     if not any(is_of_leak(name) for name in free):
-        seen = circuit_beside(_leaks(actuator, node))
-        return [circuit_values(seen, actuator.parameter_values, node.series_resistance)[0]]
+        lumped_admittance = circuit_with(_leaks(actuator, node))
+        return [circuit_values(lumped_admittance, actuator.parameter_values, node.series_resistance)[0]]
     shapes = _shapes(structure.leak, node.voltage)
     if not shapes:  # so large a voltage that any of them would draw what no number holds
         return []
@@ -80,16 +80,19 @@ def leak_starts(
     bending = shapes[0].columns if len(shapes) == 1 else _hinges(node.voltage)
     leak = np.zeros_like(node.voltage)
     for _ in range(_ROUNDS):
-        seen = circuit_beside(leak)
-        linear, left = node.around(seen, leak) if circuit_is_free else node.at(seen, leak)
+        lumped_admittance = circuit_with(leak)
+        linear, left = node.around(lumped_admittance, leak) if circuit_is_free else node.at(lumped_admittance, leak)
         leak = (
             np.maximum(
-                _factors(np.vstack([linear, node.through(seen, bending)]), left, node.weight)[len(linear) :], 0.0
+                _factors(np.vstack([linear, node.through(lumped_admittance, bending)]), left, node.weight)[
+                    len(linear) :
+                ],
+                0.0,
             )
             @ bending
         )
-    linear, left = node.around(seen, leak) if circuit_is_free else node.at(seen, leak)
-    through = node.through(seen, np.vstack([shape.columns for shape in shapes]))
+    linear, left = node.around(lumped_admittance, leak) if circuit_is_free else node.at(lumped_admittance, leak)
+    through = node.through(lumped_admittance, np.vstack([shape.columns for shape in shapes]))
     found = []
     for shape, columns in _ranked(shapes, through, linear, left, node.weight)[:most]:
         factors = _factors(np.vstack([linear, columns]), left, node.weight)[len(linear) :]
@@ -100,7 +103,7 @@ def leak_starts(
         values = dict(shape.values)
         growth = 0.0
         if structure.slow_leak:
-            slow, lagged = _slow(node, seen, leak, linear, left)
+            slow, lagged = _slow(node, lumped_admittance, leak, linear, left)
             growth = slow["leak.slow.growth"]
             # Both parts together are what was found above; the steady part alone is less.
             part = float(np.sum(leak * leak)) / max(float(np.sum(leak * (leak + growth * lagged))), 1e-300)
@@ -109,8 +112,8 @@ def leak_starts(
         for name, factor, smallest in zip(shape.sizes, factors, least, strict=True):
             values[name] = max(float(factor), smallest) / _area(actuator)
         if circuit_is_free:
-            beside = circuit_beside(leak)
-            values |= circuit_values(beside, actuator.parameter_values, node.series_resistance)[0]
+            fitted_circuit = circuit_with(leak)
+            values |= circuit_values(fitted_circuit, actuator.parameter_values, node.series_resistance)[0]
         found.append(values)
     return found
 
@@ -186,32 +189,36 @@ class _Node:
         found = search_poles(runs, branches, np.concatenate([run.drive.present for run in runs])[None])
         return Admittance(float(found.common[0]), found.residues, found.poles)
 
-    def at(self, seen: Admittance, leak: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def at(self, lumped_admittance: Admittance, leak: FloatArray) -> tuple[FloatArray, FloatArray]:
         """No columns, and what a circuit leaves of the currents if this leak is taken back to nothing."""
         answer = np.concatenate(
             [
-                seen.direct * run.drive.present + seen.residues @ responses(run.drive, seen.poles)[0]
+                lumped_admittance.direct * run.drive.present
+                + lumped_admittance.residues @ responses(run.drive, lumped_admittance.poles)[0]
                 for run in self.without(np.zeros_like(leak))
             ]
         )
         return np.zeros((0, len(answer))), self.readings - answer
 
-    def around(self, seen: Admittance, leak: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def around(self, lumped_admittance: Admittance, leak: FloatArray) -> tuple[FloatArray, FloatArray]:
         """How the currents change with the circuit, and what is left of them without the leak."""
         rows = []
         for run in self.without(leak):
-            state, slope = responses(run.drive, seen.poles)
+            state, slope = responses(run.drive, lumped_admittance.poles)
             rows.append(np.vstack([run.drive.present, state, slope]))
-        return np.concatenate(rows, axis=1), self.at(seen, leak)[1]
+        return np.concatenate(rows, axis=1), self.at(lumped_admittance, leak)[1]
 
-    def through(self, seen: Admittance, columns: FloatArray) -> FloatArray:
+    def through(self, lumped_admittance: Admittance, columns: FloatArray) -> FloatArray:
         """What each part of a leak adds to the current, w - S Y w: it also loads the electrodes."""
         found = np.empty_like(columns)
         for number, column in enumerate(columns):
             for run, piece in zip(self.series, self.pieces(), strict=True):
                 start, end = _at_knots(run, column[piece])
                 given = replace(run.drive, start=start, end=end, present=column[piece])
-                drawn = seen.direct * column[piece] + seen.residues @ responses(given, seen.poles)[0]
+                drawn = (
+                    lumped_admittance.direct * column[piece]
+                    + lumped_admittance.residues @ responses(given, lumped_admittance.poles)[0]
+                )
                 found[number, piece] = column[piece] - self.series_resistance * drawn
         return found
 
@@ -286,23 +293,23 @@ def _ranked(
     columns = columns - (columns @ basis) @ basis.T
     target = left * weight
     gains = columns @ target / np.maximum(np.linalg.norm(columns, axis=1), 1e-300)
-    apart: list[int] = []
+    separate: list[int] = []
     for place in np.argsort(-gains):
         i, j = shapes[place].place
-        if all(max(abs(i - shapes[o].place[0]), abs(j - shapes[o].place[1])) > 1 for o in apart):
-            apart.append(int(place))
-    return [(shapes[place], through[place][None]) for place in apart]
+        if all(max(abs(i - shapes[o].place[0]), abs(j - shapes[o].place[1])) > 1 for o in separate):
+            separate.append(int(place))
+    return [(shapes[place], through[place][None]) for place in separate]
 
 
 def _slow(
-    node: _Node, seen: Admittance, leak: FloatArray, linear: FloatArray, left: FloatArray
+    node: _Node, lumped_admittance: Admittance, leak: FloatArray, linear: FloatArray, left: FloatArray
 ) -> tuple[dict[str, float], FloatArray]:
     """How much of a leak comes slowly and how slowly, and the leak behind that lag."""
     longest = max(float(run.time[-1]) for run in node.series)
     tried = []
     for part in _LAGS:
         lagged = node.lagged(leak, part * longest)
-        columns = np.vstack([linear, node.through(seen, np.vstack([leak, lagged]))])
+        columns = np.vstack([linear, node.through(lumped_admittance, np.vstack([leak, lagged]))])
         factors = _factors(columns, left, node.weight)
         cost = float(np.sum(((left - factors @ columns) * node.weight) ** 2))
         growth = float(np.clip(factors[-1] / factors[-2], 0.05, 50.0)) if factors[-2] > 0 else 50.0

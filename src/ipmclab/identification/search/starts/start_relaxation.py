@@ -35,9 +35,9 @@ def relaxation_start(
     values: dict[str, float] = {}
     off = {name: 0.0 for name in actuator.parameter_values if _IS_SLOW.match(name)}
     static = actuator["coupling.gain"] * actuator["coupling.zero"] / actuator["coupling.p2"]
-    seen = motion_series(actuator, records, delays, beside=actuator.replace(**off))
+    motion = motion_series(actuator, records, delays, known_part=actuator.replace(**off))
     for output in outputs:
-        of, slow = seen.of(output), len(slow_poles(actuator, output))
+        of, slow = motion.of(output), len(slow_poles(actuator, output))
         if not of.series or not slow:
             continue
         found = search_poles(of.series, slow, sensors(of))

@@ -21,7 +21,7 @@ _FARTHEST: Final = 1.5  # standard deviation of an entry of the noise that the r
 _FEWEST: Final = 2.0  # degrees of freedom
 
 
-def spread_of_weighted(under: Correlated) -> tuple[FloatArray, FloatArray]:
+def covariance_of_weighted(under: Correlated) -> tuple[FloatArray, FloatArray]:
     """What not knowing the noise adds to the covariance where it weighs the readings, and degrees of freedom.
 
     The estimate moves with the noise that is assumed, and its variance does: both by differences, weighted by the
@@ -71,9 +71,9 @@ def degrees_of_freedom(under: Correlated, own: FloatArray, plain: FloatArray) ->
 
     def of_piece(key: Key, shape: Shape) -> FloatArray:
         noisy = replace(under, shapes={**under.shapes, key: shape})
-        return np.asarray(noisy.spread(turned[under.problem.pieces[key]], key).diagonal())
+        return np.asarray(noisy.covariance_of(turned[under.problem.pieces[key]], key).diagonal())
 
-    total = under.spread_of_all(turned).diagonal()
+    total = under.covariance_of_all(turned).diagonal()
     unsure = np.zeros(len(total))
     for covariance, changed in _Noises(under).derivatives(of_piece):
         unsure += np.einsum("ij,ik,kj->j", changed, covariance, changed)
