@@ -21,6 +21,7 @@ from ipmclab.page.sections.kept import Kept, texts
 from ipmclab.page.sections.next_runs import NextRunsView
 from ipmclab.page.sections.parts import card, fail_at, sentence, step_view, text
 from ipmclab.page.sections.prediction import PredictionView
+from ipmclab.page.sections.running_fit import RunningFit
 
 _PERIOD: Final = 0.25  # s between looks at the jobs
 _STATE_MOUNTING: Final = "state its mounting where it is recorded or imported, or choose “free per run”"
@@ -40,7 +41,7 @@ class _View:
         self._awaited: FitCard | None = None  # is shown once it is over, unless another is shown before
         self._told: dict[str, tuple[Any, ...]] = {}
         self._cards: dict[str, ui.element] = {}
-        self._bars: dict[str, tuple[Any, Any]] = {}
+        self._running: dict[str, RunningFit] = {}
         self._rows: list[dict[str, Any]] = []
 
     def build(self) -> None:
@@ -248,7 +249,9 @@ class _View:
             self._offer_name()
             self._draw_jobs({key for key, state in now.items() if self._told.get(key) != state})
             self._told = now
-        self._show_progress()
+        for one in fits:
+            if one.key in self._running and not one.job.is_over:
+                self._running[one.key].look()
         if self._awaited is not None and self._awaited.job.is_over:
             self._show(self._awaited)
 
@@ -264,7 +267,7 @@ class _View:
                     self._cards[one.key] = ui.element("div").classes("lab-job")
                 self._cards[one.key].move(target_index=0)
             if one.key in changed:
-                self._bars.pop(one.key, None)
+                self._running.pop(one.key, None)
                 self._cards[one.key].clear()
                 with self._cards[one.key]:
                     self._draw_job(one)
@@ -278,19 +281,9 @@ class _View:
             elif one.frame is not None:
                 ui.button("Show", on_click=lambda: self._show(one)).props("outline no-caps dense")
         if not one.job.is_over:
-            bar = ui.element("progress").props(f'max=1 aria-label="Progress of {one.asked.name}"')
-            self._bars[one.key] = (bar, text("").classes("lab-quiet").props("role=status"))
+            self._running[one.key] = RunningFit(one, self._workshop.jobs)
         else:
             text(_outcome(one)).classes("lab-bad" if one.job.state == "failed" else "lab-quiet")
-
-    def _show_progress(self) -> None:
-        for one in self._workshop.fits:
-            if one.key in self._bars and not one.job.is_over:
-                bar, label = self._bars[one.key]
-                if one.job.fraction is not None:
-                    bar.props(f"value={one.job.fraction:.3f}")
-                waits = "waiting for the fit before" if one.job.state == "waiting" else one.job.sentence
-                label.set_text(f"{waits} ({one.job.seconds:.0f} s)" if waits else "")
 
     def _show(self, one: FitCard) -> None:
         self._awaited = None
