@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ipmclab.fit.answer import parameter_rows, size_in_words
 from ipmclab.fit.fit import Fit
+from ipmclab.fit.rows import parameter_rows, size_in_words
 from ipmclab.units import CHANNELS
 
 

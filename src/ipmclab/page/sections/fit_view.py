@@ -9,8 +9,8 @@ from urllib.parse import urlencode
 from nicegui import ui
 
 from ipmclab.errors import IpmclabError
-from ipmclab.fit.answer import REFUSED
 from ipmclab.fit.mountings import NEXT_STRIP
+from ipmclab.fit.verdict import REFUSED
 from ipmclab.page.curves import compared_panels
 from ipmclab.page.elements.time_plot import TimePlot
 from ipmclab.page.fit_cards import FitCard

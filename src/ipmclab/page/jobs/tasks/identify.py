@@ -50,8 +50,9 @@ def run(arguments: dict[str, Any], progress: Progress) -> Frame:
 
 def fit_frame(fit: Fit, runs: list[Run]) -> Frame:
     """A fit as the page shows it; arrays ``RUN.OUTPUT.measured``, ``.model``, ``.residual`` and ``.time``."""
-    from ipmclab.fit.answer import known_title, verdict
+    from ipmclab.fit.answer import known_title
     from ipmclab.fit.output_diagnosis import WORDS
+    from ipmclab.fit.verdict import verdict
     from ipmclab.identification.mountings.mountings import why_unknown
     from ipmclab.page.jobs.tasks.given import comparison_arrays, finding_row, rows_of
     from ipmclab.prediction.fitted import fitted_outputs
