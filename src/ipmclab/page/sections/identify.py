@@ -123,7 +123,7 @@ class _View:
         self._awaited = at_work[-1] if at_work else None
         self._prediction.go_on(kept)
         self._next.go_on(kept)
-        await self._workshop.looked()
+        await self._workshop.runs.looked()
         await self._read_rows()
         if not self._rows:
             self._count.set_text("No runs yet: record one under Run, or import one under Runs.")
@@ -137,7 +137,7 @@ class _View:
         found, missing = [], []
         for name in self._opened:
             try:
-                found.append(self._workshop.lab.below(self._workshop.run_path(name)))
+                found.append(self._workshop.lab.below(self._workshop.runs.path(name)))
             except InputError as error:
                 missing.append(error.message)
         self._missing.set_text("; ".join(missing))
@@ -157,13 +157,13 @@ class _View:
 
     def _is_there(self, key: str) -> bool:
         try:
-            self._workshop.run_path(key)
+            self._workshop.runs.path(key)
         except InputError:
             return False
         return True
 
     def _table_rows(self) -> list[dict[str, Any]]:
-        return table_rows(self._workshop.rows(), RunFilter())[0]
+        return table_rows(self._workshop.runs.rows(), RunFilter())[0]
 
     def _chose(self, chosen: Chosen) -> None:
         fit, held = len(chosen["fit"]), len(chosen["held"])
@@ -205,7 +205,7 @@ class _View:
             self._workshop.refuse_name(asked.name)
             name = asked.name
         step = identify_step(
-            self._workshop.file_name(asked.actuator),
+            self._workshop.steps.file_name(asked.actuator),
             asked.runs or ("RUN.nc",),
             asked.free if asked.free or asked.per_run or asked.per_mounting else ("NAMES",),
             asked.per_run,
@@ -213,7 +213,7 @@ class _View:
             asked.prior,
             out=f"{name.replace(' ', '-')}.toml",
         )
-        self._step(self._workshop.repeatable(step, [asked.actuator]))
+        self._step(self._workshop.steps.repeatable(step, [asked.actuator]))
 
     def _identify(self) -> None:
         self._message.set_text("")
