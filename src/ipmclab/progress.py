@@ -105,6 +105,25 @@ def reporting_to(on_progress: OnProgress | None) -> Iterator[None]:
         _part.reset(part)
 
 
+@contextmanager
+def unreported() -> Iterator[None]:
+    """What is done within is reported to nobody, so that who gets the reports cannot end it: it keeps what stands.
+
+    Examples
+    --------
+    >>> with reporting_to(print):
+    ...     stage("searching", 0.0, 0.5)
+    ...     with unreported():
+    ...         stage("keeping what was found", 0.5, 1.0)
+    searching 0.0
+    """
+    token = _teller.set(None)
+    try:
+        yield
+    finally:
+        _teller.reset(token)
+
+
 _show: ContextVar[Callable[[Any], None] | None] = ContextVar("show", default=None)
 
 

@@ -14,8 +14,9 @@ import pytest
 
 from ipmclab import InputError
 from ipmclab.rig.channels import THESIS_RIG, Converter
-from ipmclab.rig.checks.proof import proof_of, proof_path, read_proof
-from ipmclab.rig.checks.prove import WITHIN, _unplugged, prove
+from ipmclab.rig.checks.from_outside import unplugged
+from ipmclab.rig.checks.proof import WITHIN, proof_of, proof_path, read_proof
+from ipmclab.rig.checks.prove import prove
 from ipmclab.rig.files.rig_file import load_rig
 from ipmclab.rig.files.text import write_rig
 from tests.cli.conftest import Command
@@ -51,8 +52,8 @@ def test_the_list_is_gone_through_with_the_dummy_load(tmp_path: Path, command: C
             asked.append(question)
             return next(answers)
 
-        item = _unplugged(load_rig(path), str(path), 1.0, simulated=False, ask=ask)
-        assert _unplugged(load_rig(path), str(path), 1.0, simulated=False, ask=None).status == "not done"
+        item = unplugged(load_rig(path), str(path), 1.0, simulated=False, ask=ask)
+        assert unplugged(load_rig(path), str(path), 1.0, simulated=False, ask=None).status == "not done"
     assert (item.status, item.found) == ("noted", "1 V by the voltmeter; the program had not noticed yet")
     assert "emergency stop" in item.repair
     assert "'1,0 V' has a comma" in asked[2]

@@ -14,9 +14,11 @@ import pytest
 from ipmclab import Fit, Run, RunMetadata, identify, import_run, load_actuator, read_fit, simulate, write_fit
 from ipmclab.cli.identify import print_fit
 from ipmclab.cli.output import print_most_important
-from ipmclab.fit.answer import answer_of, digits_of, verdict
+from ipmclab.fit.answer import answer_of
 from ipmclab.fit.fit_table import changed
 from ipmclab.fit.in_brief import MOST, WIDTH, in_brief, shortened
+from ipmclab.fit.rows import digits_of
+from ipmclab.fit.verdict import verdict
 from ipmclab.reporting.notebook import html_of
 from ipmclab.run import Finding
 from tests.identification.many import FRIEND, noisy

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from ipmclab import Fit, Run, identify, load_actuator, read_fit, simulate, write_fit
-from ipmclab.fit.answer import NOT_DETERMINED, answer_of
+from ipmclab.fit.answer import answer_of
+from ipmclab.fit.rows import NOT_DETERMINED
 from ipmclab.reporting.tables import parameter_rows
 
 FRIEND = load_actuator("friend-2")

@@ -460,7 +460,7 @@ def test_the_first_answer_comes_before_what_the_model_lacks() -> None:
     np.testing.assert_array_equal(first[0].residuals[0]["current"], fit.residuals[0]["current"])
     said = first_answer(first[0])
     assert all(name in said for name in fit.parameters)
-    assert "mA (current)" in said
+    assert "residual of the current in " in said
 
 
 def test_who_interrupts_the_intervals_keeps_the_fit() -> None:

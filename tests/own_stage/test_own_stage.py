@@ -153,7 +153,7 @@ def test_what_a_worker_of_the_page_makes_of_a_fit_shows_it(run: Run, tmp_path: P
     """The rows of the table that the page draws."""
     write_run(run, tmp_path / "run.nc")
     asked = {"actuator": MODEL, "runs": [str(tmp_path / "run.nc")], "labels": ["run"], "free": ["second_zero"]}
-    frame = find_task("identify")({**asked, "out": str(tmp_path / "fit.toml")}, lambda *_: None)
+    frame = find_task("identify")({**asked, "out": str(tmp_path / "fit.toml")}, lambda *_, **__: None)
     assert "second_zero.share" in {row["name"] for row in frame.document["parameters"]}
 
 

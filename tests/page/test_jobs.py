@@ -12,6 +12,7 @@ import time
 import zipfile
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from xml.etree import ElementTree
 
 import h5py
@@ -23,9 +24,10 @@ from hypothesis import strategies as st
 
 from ipmclab import load_actuator, read_fit, simulate, write_run
 from ipmclab.errors import InputError, IpmclabError
-from ipmclab.page.jobs.frames import pack, read_frame
+from ipmclab.page.jobs import worker
+from ipmclab.page.jobs.frames import Frame, pack, read_frame
 from ipmclab.page.jobs.jobs import JobCancelled, Jobs
-from ipmclab.page.jobs.tasks import LOOK, TASKS, Entry, find_task, room
+from ipmclab.page.jobs.tasks import LOOK, TASKS, Entry, Progress, find_task, room
 from ipmclab.store.importers.unpacked import unpacked_size
 from tests.waiting import until
 
@@ -120,6 +122,12 @@ def test_a_fit_tells_how_far_it_is_and_what_came_of_it(jobs: Jobs, runs: Path, t
     frame = job.future.result(PATIENCE)
     told.add((job.sentence, job.fraction))  # the last, where all of it passed between two looks
     assert any(fraction for _, fraction in told)
+    assert job.first is not None
+    assert [row["name"] for row in job.first] == [
+        *(row["name"] for row in frame.document["parameters"]),
+        "residual of the current in step",
+        "residual of the current in sine",
+    ]
     assert frame.document["rank"] == frame.document["free"] == 5
     assert {row["name"] for row in frame.document["parameters"]} >= {"circuit.dc_resistivity"}
     assert "cannot be estimated" in frame.document["next_mounting_unknown"]
@@ -155,6 +163,37 @@ def test_a_fit_can_be_cancelled_and_its_worker_goes_on(jobs: Jobs, runs: Path, t
     with pytest.raises(JobCancelled):
         waiting.future.result(PATIENCE)
     assert jobs.submit("identify", _fit(runs, tmp_path / "fit.toml")).future.result(PATIENCE).document["converged"]
+
+
+def test_a_job_that_is_kept_ends_with_what_it_has(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its task is asked at a word of progress, as by Ctrl-C; one that has nothing by then is cancelled."""
+    inbox, out = SimpleNamespace(taken_back=set(), kept=set()), io.BytesIO()
+
+    def task(arguments: dict[str, object], progress: Progress) -> Frame:
+        progress("searching", 0.5)
+        progress("found", first=[{"name": "a"}])
+        inbox.kept.add(1)
+        try:
+            progress("looking further", 0.9)
+        except KeyboardInterrupt:
+            if arguments["has"]:
+                return Frame({"kept": True}, {})
+            raise
+        pytest.fail("it goes on")
+
+    monkeypatch.setattr("ipmclab.page.jobs.tasks.find_task", lambda _: task)
+    for has, last in ((True, {"id": 1, "done": {"kept": True}}), (False, {"id": 1, "cancelled": True})):
+        inbox.kept.clear()
+        out.write(worker._answer({"id": 1, "task": "identify", "arguments": {"has": has}}, inbox, out))
+        out.seek(0)
+        told = [frame.document for frame in iter(lambda: read_frame(out), None)]
+        assert told == [
+            {"id": 1, "progress": "searching", "fraction": 0.5},
+            {"id": 1, "progress": "found", "fraction": None, "first": [{"name": "a"}]},
+            last,
+        ]
+        out.seek(0)
+        out.truncate()
 
 
 def test_a_fit_is_cancelled_while_its_worker_starts(runs: Path, tmp_path: Path, monkeypatch) -> None:

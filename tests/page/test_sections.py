@@ -151,7 +151,7 @@ def test_the_table_sends_no_more_rows_than_a_browser_can_use() -> None:
 
 
 def test_runs_are_compared_channel_by_channel(workshop: Workshop) -> None:
-    runs = {name: workshop.read_run(f"runs/{name}.nc") for name in ("step", "sine")}
+    runs = {name: workshop.runs.read(f"runs/{name}.nc") for name in ("step", "sine")}
     slow = replace(runs["sine"], temperature=np.array([20.0, 21.0]), time_environment=np.array([0.0, 9.0]), force=None)
     panels = {panel.key: panel for panel in run_panels({"a": runs["step"], "b": slow})}
     assert [one.label for one in panels["current"].series] == ["a", "b"]

@@ -188,21 +188,21 @@ def test_an_actuator_with_a_plus_in_the_name_of_its_file_can_be_chosen(workshop:
 def test_a_command_names_the_file_of_a_fit_or_makes_it_first(workshop: Workshop, jobs: list[Job]) -> None:
     root = workshop.lab.root
     one = end(workshop.identify(asked("fit 1")), 1.0)
-    told = workshop.repeatable(report_step(workshop.file_name(one.key), ["a.nc"], [], "r.html"), [one.key])
+    told = workshop.steps.repeatable(report_step(workshop.steps.file_name(one.key), ["a.nc"], [], "r.html"), [one.key])
     assert told.command.splitlines() == [
         "ipmclab identify friend-2 --free circuit.dc_resistivity --thorough --out fit-1.toml &&",
         "ipmclab report fit-1.toml --runs a.nc --out r.html",
     ]
     assert "“fit 1” is not saved" in told.note
     workshop.save_fit(one, "mine")
-    saved = workshop.repeatable(report_step(workshop.file_name(one.key), ["a.nc"], [], "r.html"), [one.key])
+    saved = workshop.steps.repeatable(report_step(workshop.steps.file_name(one.key), ["a.nc"], [], "r.html"), [one.key])
     assert (saved.command, saved.note) == ("ipmclab report mine.toml --runs a.nc --out r.html", "")
     # Other hands have written another actuator there.
     write_actuator(load_actuator("friend-3-measured"), root / "mine.toml", overwrite=True)
     write_actuator(load_actuator("friend-3-measured"), root / "fit-1.toml")
-    name = workshop.file_name(one.key)
+    name = workshop.steps.file_name(one.key)
     assert not (root / name).exists()
-    assert f"--out {name} &&" in workshop.repeatable(report_step(name, [], [], "r.html"), [one.key]).command
+    assert f"--out {name} &&" in workshop.steps.repeatable(report_step(name, [], [], "r.html"), [one.key]).command
 
 
 def test_a_fit_that_started_from_fits_that_are_not_saved_can_be_repeated(
@@ -220,8 +220,10 @@ def test_a_fit_that_started_from_fits_that_are_not_saved_can_be_repeated(
     second = workshop.identify(replace(asked("second", "first", ("sine.nc",)), free=("circuit.contact_resistance",)))
     assert second.job.future.result(HANGS)
     workshop.fits.remove(first)  # as the oldest does
-    step = simulate_step(workshop.file_name("second"), {}, signal="step 1 V", duration=1.0, rate=50.0, is_fit=True)
-    told = workshop.repeatable(step, ["second"])
+    step = simulate_step(
+        workshop.steps.file_name("second"), {}, signal="step 1 V", duration=1.0, rate=50.0, is_fit=True
+    )
+    told = workshop.steps.repeatable(step, ["second"])
     assert [line.split()[1] for line in told.command.splitlines()] == ["identify", "identify", "simulate"]
     monkeypatch.chdir(root)
     for line in told.command.split(" &&\n"):
@@ -243,9 +245,9 @@ def test_what_a_fit_cannot_start_from_is_told_before_a_worker_is_asked(workshop:
 
 def test_who_waits_for_a_look_waits_for_the_one_that_took_its_place(workshop: Workshop, jobs: list[Job]) -> None:
     """Of two windows the first one's look never begins: it has to follow the other's."""
-    first = workshop.looks()
+    first = workshop.runs.looks()
     own = next(first)
-    other = next(workshop.looks())
+    other = next(workshop.runs.looks())
     own._end("cancelled", error=JobCancelled())
     assert [*first] == [other]
     assert [job.task for job in jobs] == ["inspect", "inspect"]

@@ -97,6 +97,35 @@ def test_who_interrupts_the_intervals_waits_for_nothing_that_follows(runs: list[
     assert "intervals-not-followed" in {finding.code for finding in fit.findings}
 
 
+@pytest.mark.parametrize(
+    ("at", "code"),
+    [
+        ("asking what the model lacks", "stages-not-tried"),
+        ("errors and intervals", "intervals-not-followed"),
+        ("without what is known beforehand", "prior-not-compared"),
+        ("profile of", "not-followed"),
+    ],
+)
+def test_who_ends_all_that_follows_keeps_what_stands(runs: list[Run], at: str, code: str) -> None:
+    """As the page does it: from then on every report is answered so."""
+    known = replace(STRIP, standard_uncertainties={FREE[0]: 1.0})
+    ended: list[str] = []
+
+    def end(sentence: str, _: float) -> None:
+        if ended or at in sentence:
+            ended.append(sentence)
+            raise KeyboardInterrupt
+
+    fit = fit_of_runs(known, runs, free=FREE, prior=FREE, progress=end)
+    assert code in {finding.code for finding in fit.findings}
+    assert not fit.profiles
+    whole = identify(known, runs, free=FREE, prior=FREE)
+    assert {"prior-not-compared", "not-followed"}.isdisjoint(finding.code for finding in whole.findings)
+    for name, one in whole.parameters.items():
+        assert fit.parameters[name].value == one.value
+        assert fit.parameters[name].prior_of_literature == one.prior_of_literature
+
+
 @pytest.mark.parametrize("at", ["asking what the model lacks", "errors and intervals"])
 def test_a_fit_that_is_part_of_more_ends_that_when_it_is_interrupted(runs: list[Run], at: str) -> None:
     with reporting_to(interrupted_once(at)):

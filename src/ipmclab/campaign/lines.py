@@ -1,12 +1,27 @@
-"""On which line of a TOML text a key is: what a message is to name."""
+"""Where in a campaign file a mistake is: its key and its line, which a message is to name."""
 
 from __future__ import annotations
 
 import re
-from typing import Final
+from collections.abc import Mapping
+from typing import Any, Final
+
+from ipmclab.errors import InputError
+from ipmclab.store.strict import validated
 
 _TABLE: Final = re.compile(r"^\s*(\[\[?)\s*([^\]\s]+)\s*\]")
 _KEY: Final = re.compile(r"^\s*([A-Za-z0-9_\"'.-]+)\s*=")
+
+
+def keyed(model: type[Any], table: Mapping[str, Any], place: str = "") -> Any:
+    """A table, checked, with the keys alone as the place of what is wrong."""
+    try:
+        return validated(model, table, where="")
+    except InputError as error:
+        inside = error.where.removeprefix(":").strip()
+        raise InputError(
+            error.message, code=error.code, where=f"{place}.{inside}".strip("."), repair=error.repair
+        ) from error
 
 
 def line_of(text: str, place: str) -> int | None:

@@ -146,9 +146,11 @@ def print_fit(
 
 def print_details(fit: Fit) -> None:
     """Print everything that a fit says."""
-    from ipmclab.fit.answer import REFUSED, known_rows, known_title, parameter_rows, quantity_of, verdict
+    from ipmclab.fit.answer import known_title
     from ipmclab.fit.in_brief import most_important_first
     from ipmclab.fit.output_diagnosis import WORDS
+    from ipmclab.fit.rows import known_rows, parameter_rows, quantity_of
+    from ipmclab.fit.verdict import REFUSED, verdict
     from ipmclab.prediction.remarks import remarks
     from ipmclab.quality.scale import CODE as UNIT_OFF
 

@@ -80,7 +80,7 @@ def identify_each(
 
 
 def _print(fits: dict[str, Fit], paths: dict[str, Path]) -> None:
-    from ipmclab.fit.answer import parameter_rows
+    from ipmclab.fit.rows import parameter_rows
 
     rows = [
         [name, row.name, row.value, row.interval, row.unit] for name, fit in fits.items() for row in parameter_rows(fit)

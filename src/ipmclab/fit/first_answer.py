@@ -2,9 +2,35 @@
 
 from __future__ import annotations
 
-from ipmclab.fit.answer import parameter_rows, size_in_words
+from dataclasses import dataclass
+
 from ipmclab.fit.fit import Fit
+from ipmclab.fit.rows import parameter_rows, size_in_words
 from ipmclab.units import CHANNELS
+
+
+@dataclass(frozen=True)
+class FirstRow:
+    """A parameter, or what a fit leaves of an output of a run, as people read it.
+
+    Parameters
+    ----------
+    name, value, unit : str
+    """
+
+    name: str
+    value: str
+    unit: str
+
+
+def first_rows(fit: Fit) -> list[FirstRow]:
+    """The parameters of a fit without their intervals, then what it leaves of each output of each run."""
+    rows = [FirstRow(row.name, row.value, row.unit if row.determined else "") for row in parameter_rows(fit)]
+    for one in fit.observations:
+        for output, sigma in one.noise.items():
+            value, _, unit = size_in_words(sigma, output).partition(" ")
+            rows.append(FirstRow(f"residual of the {CHANNELS[output].name} in {one.label}", value, unit))
+    return rows
 
 
 def first_answer(fit: Fit) -> str:
@@ -18,12 +44,7 @@ def first_answer(fit: Fit) -> str:
     >>> print(first_answer(identify(strip, run, free=["circuit.dc_resistivity"])).splitlines()[0])
     First answer; intervals, and what the model lacks, follow (Ctrl-C keeps the fit):
     """
-    rows = [(row.name, f"{row.value} {row.unit if row.determined else ''}".rstrip()) for row in parameter_rows(fit)]
-    rows += [
-        (f"residual of {one.label}", f"{size_in_words(sigma, output)} ({CHANNELS[output].name})")
-        for one in fit.observations
-        for output, sigma in one.noise.items()
-    ]
-    width = max(len(name) for name, _ in rows)
+    rows = first_rows(fit)
+    width = max(len(row.name) for row in rows)
     head = "First answer; intervals, and what the model lacks, follow (Ctrl-C keeps the fit):"
-    return "\n".join([head, *(f"  {name:<{width}}  {value}" for name, value in rows)])
+    return "\n".join([head, *(f"  {row.name:<{width}}  {row.value} {row.unit}".rstrip() for row in rows)])

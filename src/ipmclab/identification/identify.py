@@ -19,7 +19,7 @@ from ipmclab.identification.environment.inseparable import inseparable
 from ipmclab.identification.environment.next_condition import next_condition
 from ipmclab.identification.environment.with_states import with_states
 from ipmclab.identification.estimate import estimate
-from ipmclab.identification.interrupted import NO_PROFILES, NO_STAGES
+from ipmclab.identification.interrupted import NO_COMPARISON, NO_PROFILES, NO_STAGES
 from ipmclab.identification.mountings.mountings import differ, each_mounting, with_mountings
 from ipmclab.identification.of_records import NOISE, GrowingLeak, findings_of_records, left_out_of
 from ipmclab.identification.problem.earlier_fit import as_read_before, fitted_runs
@@ -42,7 +42,7 @@ from ipmclab.model.given import need_actuator, need_each_once, need_run
 from ipmclab.model.stages.circuit import SERIES
 from ipmclab.model.stages.leak import SLOW_TIME
 from ipmclab.one_thread import on_one_thread
-from ipmclab.progress import OnProgress, first_answer, part, reporting_to, stage
+from ipmclab.progress import OnProgress, first_answer, part, reporting_to, stage, unreported
 from ipmclab.quality.check import check_record
 from ipmclab.quality.record import Record as Checked
 from ipmclab.quality.usable import noise_only
@@ -224,17 +224,24 @@ def _identify(
     except KeyboardInterrupt:
         if not kept:  # one fit of a longer work, which is to end
             raise
-        fit = build_fit(actuator, given, result, (*findings, NO_PROFILES), diagnoses, followed=False)
-    beyond = [*beyond_findings(fit, records), *environment_findings(actuator, given, fit, result)]
+        with unreported():
+            fit = build_fit(actuator, given, result, (*findings, NO_PROFILES), diagnoses, followed=False)
+    with unreported():
+        beyond = [*beyond_findings(fit, records), *environment_findings(actuator, given, fit, result)]
     if names.priors:
         order = Order(result.problem.in_reference(result.solution.theta, result.problem.records[0].place))
         priors = {order(name): prior for name, prior in names.priors.items()}
         fit = _of_literature(fit, priors)
         if NO_PROFILES in fit.findings:
             return with_findings(fit, beyond)
-        with part("without what is known beforehand", 0.8, 1.0):
-            alone = build_fit(actuator, given, estimate(actuator, names.without_priors, records), ())
-        beyond += prior_findings(actuator, priors, fit, alone)
+        try:
+            with part("without what is known beforehand", 0.8, 1.0):
+                alone = build_fit(actuator, given, estimate(actuator, names.without_priors, records), ())
+            beyond += prior_findings(actuator, priors, fit, alone)
+        except KeyboardInterrupt:
+            if not kept:
+                raise
+            beyond.append(NO_COMPARISON)
     return with_findings(fit, beyond)
 
 

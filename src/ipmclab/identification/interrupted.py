@@ -21,6 +21,15 @@ NO_PROFILES: Final = Finding(
     "let it run to its end to have intervals that are right where the readings show little",
 )
 
+NO_COMPARISON: Final = Finding(
+    "prior-not-compared",
+    "warning",
+    "the fit was interrupted before the readings were fitted without what is known beforehand",
+    "let it run to its end to have said whether they agree with that",
+)
+
+_INTERRUPTED: Final = (NO_STAGES, NO_PROFILES, NO_COMPARISON)
+
 
 def uninterrupted(fit: Fit) -> Fit:
     """A fit that was let run to its end; else Ctrl-C is raised again, and ends the work of which the fit is a part.
@@ -29,6 +38,6 @@ def uninterrupted(fit: Fit) -> Fit:
     ------
     KeyboardInterrupt
     """
-    if NO_STAGES in fit.findings or NO_PROFILES in fit.findings:
+    if any(one in fit.findings for one in _INTERRUPTED):
         raise KeyboardInterrupt
     return fit

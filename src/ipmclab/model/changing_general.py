@@ -13,7 +13,7 @@ from ipmclab.model.actuator import Actuator
 from ipmclab.model.assemble import System
 from ipmclab.model.environment.charge import charged
 from ipmclab.model.environment.history import EnvironmentHistory
-from ipmclab.model.environment.laws import values_in
+from ipmclab.model.environment.moved import values_in
 from ipmclab.model.environment.panels import Panels
 from ipmclab.model.environment.transport import WaterCourse
 from ipmclab.model.environment.walk import Way, way_of

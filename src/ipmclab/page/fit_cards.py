@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Final
 
 from ipmclab.page.jobs.frames import Frame
 from ipmclab.page.jobs.jobs import Job
 
-if TYPE_CHECKING:
-    pass
+FIT_KEY: Final = "fit:"
+"""How keys of fits begin, and no name of one: a link that outlives its fit is distinguished from a name that is
+misspelled."""
 
 
 @dataclass(frozen=True)

@@ -15,8 +15,9 @@ from ipmclab.page.curves import header_name
 from ipmclab.page.elements.file_choice import MOST_BYTES
 from ipmclab.page.jobs.jobs import JobCancelled
 from ipmclab.page.lab import files_of
+from ipmclab.page.lab_runs import MOST_COMPARED, labels
 from ipmclab.page.wire import BAD_REQUEST, MEDIA, pack, read_object
-from ipmclab.page.workshop import MOST_COMPARED, Workshop, labels
+from ipmclab.page.workshop import Workshop
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -94,7 +95,7 @@ def _add_runs(router: APIRouter, workshop: Workshop) -> None:
 
     @router.get("/runs/file", response_model=None)
     def run_file(run: str) -> Response:
-        return _sent(lambda: workshop.run_path(run), "application/x-netcdf")
+        return _sent(lambda: workshop.runs.path(run), "application/x-netcdf")
 
     @router.get("/runs/export", response_model=None)
     async def run_export(run: str, kind: str = "csv") -> Response:
@@ -151,7 +152,7 @@ def _simulation(workshop: Workshop, given: Mapping[str, Any]) -> dict[str, Any]:
         "changes": {str(name): float(value) for name, value in given["changes"].items()},
     }
     if given.get("run"):
-        arguments["run"] = str(workshop.run_path(str(given["run"])))
+        arguments["run"] = str(workshop.runs.path(str(given["run"])))
     else:
         signal = str(given["signal"])[:2000]
         try:
@@ -178,7 +179,7 @@ async def _made(
         ((name, keys),) = runs.items()
         if len(keys) > MOST_COMPARED:
             raise HTTPException(422, f"{len(keys)} runs, at most {MOST_COMPARED} fit on a figure")
-        paths = [str(workshop.run_path(key)) for key in keys]
+        paths = [str(workshop.runs.path(key)) for key in keys]
         out = workshop.new_scratch(f".{kind}")
         given: Any = paths[0] if name == "run" else paths
         asked = {name: given, "labels": labels(keys), "out": str(out)}

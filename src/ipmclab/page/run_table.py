@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import TYPE_CHECKING, Any, Final
 
-from ipmclab.page.workshop import labels
+from ipmclab.page.lab_runs import labels
 from ipmclab.units import CHANNELS
 
 if TYPE_CHECKING:

@@ -2,34 +2,22 @@
 
 from __future__ import annotations
 
-import asyncio
-import contextlib
 import re
 import secrets
 import tempfile
-import threading
-from collections import OrderedDict
-from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from ipmclab.destination import write_text
-from ipmclab.errors import InputError, IpmclabError, suggest
-from ipmclab.page.commands import Step, identify_step, in_order
+from ipmclab.errors import InputError, suggest
 from ipmclab.page.curves import CurveStore
-from ipmclab.page.fit_cards import FitCard, FitRequest, FittedFile
-from ipmclab.page.jobs.jobs import Job, JobCancelled, Jobs
+from ipmclab.page.fit_cards import FIT_KEY, FitCard, FitRequest, FittedFile
+from ipmclab.page.jobs.jobs import Jobs
 from ipmclab.page.lab import Lab
+from ipmclab.page.lab_runs import LabRuns, labels
+from ipmclab.page.steps import Steps
 from ipmclab.page.uploads import Uploads
 from ipmclab.toml_file import glance
-
-if TYPE_CHECKING:
-    from ipmclab.run import Run
-    from ipmclab.store.catalogue.catalogue import Catalogue
-    from ipmclab.store.catalogue.query import CatalogueRow
-
-MOST_COMPARED: Final = 8
-"""Runs on one plot: so many can be distinguished."""
 
 _MOST_FITS: Final = 20
 """Fits of a session that are kept; then the oldest that is over goes."""
@@ -40,15 +28,8 @@ _LONGEST_NAME: Final = 40
 _PLAIN: Final = re.compile(r"\w([\w .-]*[\w-])?")
 """The name of a fit: no plus and no slash, for in that of an actuator stages and folders begin there."""
 
-_KEY: Final = "fit:"
-"""How keys of fits begin, and no name of one: a link that outlives its fit is distinguished from a name that is
-misspelled."""
-
 _FILE: Final = re.compile(r"(?P<base>.+?\.toml)(?P<stages>(\+[^/\\]*)?)", re.IGNORECASE)
 """An actuator of a file, with stages behind it; its name may have a plus too."""
-
-_KEPT_ROWS: Final = 2_000_000
-"""Rows of runs that stay in memory for the next zoom."""
 
 
 class Workshop:
@@ -69,84 +50,13 @@ class Workshop:
         self._folder = tempfile.TemporaryDirectory(prefix="ipmclab-page-", ignore_cleanup_errors=True)
         self.scratch = Path(self._folder.name)
         self.uploads = Uploads(self.scratch)
-        self._runs: OrderedDict[tuple[str, int, int], Run] = OrderedDict()
-        self._lock = threading.Lock()
-        self._look: Job | None = None
+        self.runs = LabRuns(lab, self.jobs)
+        self.steps = Steps(lab, self.fit)
 
     def close(self) -> None:
         """End the workers, and forget what was not saved."""
         self.jobs.close()
         self._folder.cleanup()
-
-    def catalogue(self) -> Catalogue:
-        """The catalogue of everything in the folder."""
-        from ipmclab.store.catalogue.catalogue import Catalogue
-
-        return Catalogue(self.lab.root)
-
-    def rows(self) -> list[CatalogueRow]:
-        """The runs of the folder as the catalogue has them, without looking at files."""
-        from ipmclab.store.catalogue.query import RunQuery
-
-        known = self.catalogue()
-        return known.query(RunQuery(laboratory=known.laboratory)) if known.exists else []
-
-    def looks(self) -> Iterator[Job]:
-        """Bring the catalogue up to date with the files, in a worker; wait for each of these jobs before the next.
-
-        A look of another window takes the place of one that has not begun. The last one is the newest.
-        """
-        arguments = {"folder": str(self.lab.root)}
-        self._look = self.jobs.submit("inspect", arguments, title="looking at the runs", replaces="inspect")
-        job = None
-        while job is not self._look:
-            job = self._look
-            yield job
-
-    async def looked(self) -> None:
-        """Look at the files, and wait until the newest look is over; a file that cannot be read stops nobody."""
-        for job in self.looks():
-            with contextlib.suppress(JobCancelled, IpmclabError):  # Runs says what was wrong
-                await asyncio.wrap_future(job.future)
-
-    def run_path(self, key: str) -> Path:
-        """The file of a run, by its path below the folder.
-
-        Raises
-        ------
-        InputError
-            Outside the folder, or not there.
-        """
-        path = self.lab.path(key)
-        if path.suffix.lower() != ".nc" or not path.is_file():
-            raise InputError(
-                f"there is no run {key!r}", code="no-such-file", where="run", repair="look at the runs again"
-            )
-        return path
-
-    def read_run(self, key: str) -> Run:
-        """A run of the lab; the last ones stay in memory.
-
-        Raises
-        ------
-        InputError
-            No such run, or a damaged one.
-        """
-        from ipmclab.store.run_file import read_run
-
-        path = self.run_path(key)
-        about = path.stat()
-        this = (str(path), about.st_size, about.st_mtime_ns)
-        with self._lock:
-            if this in self._runs:
-                self._runs.move_to_end(this)
-                return self._runs[this]
-        run = read_run(path)
-        with self._lock:
-            self._runs[this] = run
-            while len(self._runs) > 1 and sum(len(one) for one in self._runs.values()) > _KEPT_ROWS:
-                self._runs.popitem(last=False)
-        return run
 
     def new_scratch(self, suffix: str) -> Path:
         """A new file that goes when the server does."""
@@ -204,8 +114,8 @@ class Workshop:
             return InputError(
                 "no actuator is named", code="no-actuator", where="actuator", repair="choose one, such as friend-2"
             )
-        if name.startswith(_KEY) or file_stem(name) in self._gone:
-            which = "this fit" if name.startswith(_KEY) else f"the fit {name!r}"
+        if name.startswith(FIT_KEY) or file_stem(name) in self._gone:
+            which = "this fit" if name.startswith(FIT_KEY) else f"the fit {name!r}"
             return InputError(
                 f"{which} is no longer kept: the page keeps the last {_MOST_FITS}, until it ends",
                 code="no-such-fit",
@@ -244,7 +154,7 @@ class Workshop:
         file = self.new_scratch(".toml")
         arguments = {
             "actuator": self.actuator_path(asked.actuator),
-            "runs": [str(self.run_path(key)) for key in asked.runs],
+            "runs": [str(self.runs.path(key)) for key in asked.runs],
             "labels": labels(asked.runs),
             "free": asked.free,
             "per_run": asked.per_run,
@@ -252,7 +162,7 @@ class Workshop:
             "prior": asked.prior,
             "out": str(file),
         }
-        about = FittedFile(asked, file, f"{_KEY}{secrets.token_hex(4)}", None if start is None else start.made)
+        about = FittedFile(asked, file, f"{FIT_KEY}{secrets.token_hex(4)}", None if start is None else start.made)
         made = FitCard(about, self.jobs.submit("identify", arguments, title=asked.name))
         stem = file_stem(asked.name)
         self.fits = [one for one in self.fits if not (one.is_vain and file_stem(one.asked.name) == stem)]
@@ -362,7 +272,7 @@ class Workshop:
             raise InputError(
                 "this is no fitted actuator", code="not-a-fit", where="fit", repair="choose what identify wrote"
             ) from error
-        there = {row.content_sha256: row.path for row in self.rows() if row.path and not row.problem}
+        there = {row.content_sha256: row.path for row in self.runs.rows() if row.path and not row.problem}
         found = [path for sha, _ in wanted if (path := there.get(sha)) is not None]
         return found, [label for sha, label in wanted if sha not in there]
 
@@ -380,65 +290,6 @@ class Workshop:
         """A fit of this session, by its key or its name: of a name, one that came to something where there is one."""
         found = [one for one in reversed(self.fits) if key in (one.key, one.asked.name)]
         return min(found, key=lambda one: one.is_vain, default=None)
-
-    def file_name(self, name: str) -> str:
-        """An actuator as a command names it: a fit of this session by the file that it is saved as, or would be."""
-        one = self.fit(name)
-        return name if one is None else self._file_name(one.made)
-
-    def step_of(self, made: FittedFile) -> Step:
-        """The step that makes the file of a fit from the file that it started from."""
-        asked = made.asked
-        actuator = asked.actuator if made.start is None else self._file_name(made.start)
-        names = (asked.free, asked.per_run, asked.per_mounting, asked.prior)
-        return identify_step(actuator, asked.runs, *names, out=self._file_name(made))
-
-    def repeatable(self, step: Step, names: Iterable[str]) -> Step:
-        """A step that can be done without the page: before it, those that make the files of fits that are not saved.
-
-        Parameters
-        ----------
-        step : Step
-        names : iterable of str
-            The actuators that it uses, as the page names them.
-        """
-        before: dict[str, tuple[str, Step]] = {}
-
-        def make(made: FittedFile) -> None:
-            if made.key in before or self._is_saved(made):
-                return
-            if made.start is not None:
-                make(made.start)
-            before[made.key] = made.asked.name, self.step_of(made)
-
-        for name in names:
-            one = self.fit(name)
-            if one is not None:
-                make(one.made)
-        if not before:
-            return step
-        fits = " and ".join(f"“{name}”" for name, _ in before.values())
-        if len(before) == 1:
-            note = f"{fits} is not saved: it is identified again first. Save it under Identify, and its file is named."
-        else:
-            note = f"{fits} are not saved: they are identified again first. Save them, and their files are named."
-        return in_order([*(made for _, made in before.values()), step], note=note)
-
-    def _file_name(self, made: FittedFile) -> str:
-        """The file of the lab that a fit is saved as, or one that nothing else is called."""
-        if made.saved is not None and self._is_saved(made):
-            return made.saved
-        stem = made.asked.name.replace(" ", "-")
-        is_taken = (self.lab.root / f"{stem}.toml").exists()
-        return f"{stem}-{made.key.removeprefix(_KEY)}.toml" if is_taken else f"{stem}.toml"
-
-    def _is_saved(self, made: FittedFile) -> bool:
-        """Whether the file that it was saved as is still there, and still that fit."""
-        if made.saved is None:
-            return False
-        with contextlib.suppress(OSError, InputError):
-            return self.lab.path(made.saved).read_bytes() == made.path.read_bytes()
-        return False
 
 
 def file_stem(name: str) -> str:
@@ -459,18 +310,3 @@ def _is_plain(name: str) -> bool:
 def _shown(name: str) -> str:
     """A name in a message, which is read in a narrow column."""
     return repr(name if len(name) <= _LONGEST_NAME else f"{name[:_LONGEST_NAME]}…")
-
-
-def labels(keys: Sequence[str]) -> list[str]:
-    """A short name for each run: that of its file, with its folder where two are called alike.
-
-    Examples
-    --------
-    >>> labels(["runs/a/step.nc", "runs/b/step.nc", "sine.nc"])
-    ['runs/a/step', 'runs/b/step', 'sine']
-    """
-    names = [Path(key).stem for key in keys]
-    return [
-        name if names.count(name) == 1 else Path(key).with_suffix("").as_posix()
-        for key, name in zip(keys, names, strict=True)
-    ]

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Final
 
-from ipmclab.fit.answer import prior_in_words
 from ipmclab.fit.fit import Fit
+from ipmclab.fit.rows import prior_in_words
 from ipmclab.identification.mountings.mountings import differ, dragged
 
 AVERAGED: Final = "average of mountings that differ: its interval holds for none of them"

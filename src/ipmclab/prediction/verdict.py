@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Final
 
 from ipmclab.errors import InputError
-from ipmclab.fit.answer import REFUSED, verdict
 from ipmclab.fit.fit_file import fit_of
+from ipmclab.fit.verdict import REFUSED, verdict
 from ipmclab.model import Actuator
 from ipmclab.prediction.open_coupling import NOT_IDENTIFIED
 from ipmclab.prediction.run_validation import RunValidation

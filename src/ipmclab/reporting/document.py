@@ -14,8 +14,9 @@ import numpy as np
 from markupsafe import Markup, escape
 
 from ipmclab.errors import InputError
-from ipmclab.fit.answer import known_title, lacks_something
+from ipmclab.fit.answer import known_title
 from ipmclab.fit.in_brief import most_important_first
+from ipmclab.fit.verdict import lacks_something
 from ipmclab.model.validity import CODES as VALIDITY_CODES
 from ipmclab.model.validity import SMALL_BENDING
 from ipmclab.prediction.fitted import fitted_outputs

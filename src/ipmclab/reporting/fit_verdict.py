@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING
 
-from ipmclab.fit.answer import REFUSED
-from ipmclab.fit.answer import verdict as verdict_of
+from ipmclab.fit.verdict import REFUSED
+from ipmclab.fit.verdict import verdict as verdict_of
 from ipmclab.prediction.remarks import averages
 from ipmclab.prediction.validate import Validation
 from ipmclab.prediction.verdict import verdict_of as verdict_of_runs

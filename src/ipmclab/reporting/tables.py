@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from ipmclab.fit.answer import quantity_of
+from ipmclab.fit.rows import quantity_of
 from ipmclab.prediction.remarks import remarks
 from ipmclab.prediction.scores import Comparison, Score, score
 from ipmclab.prediction.validate import Validation

@@ -5,7 +5,7 @@ from __future__ import annotations
 from ipmclab.model.environment.conditions import Environment, EnvironmentLaw, WaterState
 from ipmclab.model.environment.history import EnvironmentHistory
 from ipmclab.model.environment.hydration import equilibrium, reference
-from ipmclab.model.environment.laws import Moved, in_state, values_in
+from ipmclab.model.environment.moved import Moved, in_state, values_in
 
 __all__ = [
     "Environment",

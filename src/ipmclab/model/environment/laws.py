@@ -6,27 +6,20 @@ What a law does not name does not happen.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
-from ipmclab.errors import InputError
-from ipmclab.model.environment.conditions import ABSOLUTE, WaterState
+from ipmclab.model.environment.conditions import ABSOLUTE
 from ipmclab.model.environment.hydration import PERCOLATION, REFERENCE_CONTENT, REFERENCE_TEMPERATURE, SITES
 from ipmclab.model.environment.sorption import GAS, WATER, activity
 from ipmclab.model.parameters import Declaration
 from ipmclab.model.stages.kind import StageKind, is_there, number_of
 from ipmclab.units import ACTIVATION_ENERGY, NUMBER, PER_KELVIN
 
-FloatArray = npt.NDArray[np.float64]
-
 PREFIX: Final = "environment."
-
-_STEP: Final = 1e-100
-"""Of a complex step: so small that its square vanishes compared with any number here."""
 
 
 class Place(NamedTuple):
@@ -305,33 +298,8 @@ def is_of_environment(name: str) -> bool:
     return name.startswith((PREFIX, "hydration."))
 
 
-@dataclass(frozen=True, eq=False)
-class Moved:
-    """The parameters of an actuator in one state of its water, and how they depend on those that it states.
-
-    Parameters
-    ----------
-    values : dict of dotted name to float [SI]
-        Every parameter of the stages, none of the laws.
-    names : tuple of str
-        Those of ``values``, the rows of the matrices.
-    parameters : tuple of str
-        Every parameter of the actuator, those of its laws too: the columns of ``jacobian``.
-    jacobian : float array, shape (n_names, n_parameters) [SI]
-        Derivative of each value by each parameter.
-    by_state : float array, shape (n_names, 2) [SI]
-        Derivative of each value by the water content and by the temperature [1/K].
-    """
-
-    values: dict[str, float]
-    names: tuple[str, ...]
-    parameters: tuple[str, ...]
-    jacobian: FloatArray
-    by_state: FloatArray
-
-
-def moved_values(values: Mapping[str, Any], content: Any, temperature: Any) -> dict[str, Any]:
-    """Values of the parameters in a state of the water: those of the stages alone.
+def law_factors(values: Mapping[str, Any], content: Any, temperature: Any) -> Iterator[tuple[str, Any]]:
+    """Which parameters of an actuator its laws multiply by what, one law after the other, in a state of its water.
 
     Parameters
     ----------
@@ -341,119 +309,16 @@ def moved_values(values: Mapping[str, Any], content: Any, temperature: Any) -> d
         Water content.
     temperature : number or array [degC]
     """
-    found = {name: value for name, value in values.items() if not is_of_environment(name)}
     prefixes = laws_in(values)
     if prefixes:
         place, branches = Place.of(values, content, temperature), number_of(values, "circuit.branches.")
         for prefix in prefixes:
-            for name, factor in _BY_PREFIX[prefix].factors(place, branches).items():
-                found[name] = found[name] * factor
-    return found
-
-
-def values_in(values: Mapping[str, float], state: WaterState) -> dict[str, float]:
-    """The values of an actuator's parameters in a state of its water, without derivatives.
-
-    Raises
-    ------
-    InputError
-        A water content at which the membrane does not conduct.
-
-    Examples
-    --------
-    >>> from ipmclab.model.environment.hydration import STANDARD
-    >>> strip = {**STANDARD, "coupling.gain": 1e-8, "environment.coupling_gain.exponent": 2.0,
-    ...          "environment.coupling_gain.energy": 0.0}
-    >>> values_in(strip, WaterState(2.0 * 7.219, 20.0))
-    {'coupling.gain': 4e-08}
-    """
-    check_conducts(values, state)
-    moved = moved_values(values, state.water_content, state.temperature)
-    return {name: float(value) for name, value in moved.items()}
-
-
-def in_state(values: Mapping[str, float], state: WaterState) -> Moved:
-    """The values of an actuator's parameters in a state of its water, with all derivatives.
-
-    Parameters
-    ----------
-    values : mapping of dotted name to float [SI]
-        Every parameter of the actuator, those of its laws too: ``actuator.parameter_values``.
-    state : WaterState
-
-    Returns
-    -------
-    moved : Moved
-
-    Raises
-    ------
-    InputError
-        A water content at which the membrane does not conduct.
-
-    Examples
-    --------
-    >>> from ipmclab import load_actuator
-    >>> strip = load_actuator("friend-2+environment.permittivity")
-    >>> wet = in_state(strip.parameter_values, WaterState(water_content=14.0, temperature=20.0))
-    >>> row = wet.names.index("circuit.branches.0.permittivity")
-    >>> round(wet.values["circuit.branches.0.permittivity"], 6)
-    0.167084
-    >>> round(float(wet.jacobian[row, wet.parameters.index("environment.permittivity.exponent")]), 6)
-    0.110666
-    """
-    check_conducts(values, state)
-    parameters = tuple(values)
-    of_laws = [name for name in parameters if is_of_environment(name)]
-    # One column for each parameter of the laws, for density (in its own law) and for the state; the last moves nothing.
-    moving = [*of_laws, *(["beam.density"] if "beam.density" in values else [])]
-    size = len(moving) + 3
-    columns: dict[str, Any] = dict(values)
-    for place, name in enumerate(moving):
-        columns[name] = np.full(size, complex(values[name]))
-        columns[name][place] += 1j * _STEP
-    content, temperature = np.full(size, complex(state.water_content)), np.full(size, complex(state.temperature))
-    content[-3] += 1j * _STEP
-    temperature[-2] += 1j * _STEP
-    found = {
-        name: np.broadcast_to(np.asarray(value), size)
-        for name, value in moved_values(columns, content, temperature).items()
-    }
-    names, place_of = tuple(found), {name: place for place, name in enumerate(parameters)}
-    jacobian = np.zeros((len(names), len(parameters)))
-    by_state = np.zeros((len(names), 2))
-    for row, name in enumerate(names):
-        slopes = found[name].imag / _STEP
-        jacobian[row, [place_of[one] for one in moving]] = slopes[: len(moving)]
-        if name not in moving:  # a factor times its own value
-            own = values[name]
-            jacobian[row, place_of[name]] = found[name][-1].real / own if own else 1.0
-        by_state[row] = slopes[-3:-1]
-    return Moved({name: float(found[name][-1].real) for name in names}, names, parameters, jacobian, by_state)
+            yield from _BY_PREFIX[prefix].factors(place, branches).items()
 
 
 def conducts_above(values: Mapping[str, float]) -> bool:
     """Whether a law needs the conductivity of the membrane, which has one above its percolation only."""
     return is_there(values, _BRANCHES) or is_there(values, f"{PREFIX}dc_resistivity.")
-
-
-def check_conducts(values: Mapping[str, float], state: WaterState) -> None:
-    """Refuse a water content at which the membrane does not conduct, where a law needs its conductivity.
-
-    Raises
-    ------
-    InputError
-    """
-    if not conducts_above(values):
-        return
-    least = values[PERCOLATION]
-    for content, what in ((state.water_content, "the water content"), (values[REFERENCE_CONTENT], REFERENCE_CONTENT)):
-        if content <= least:
-            raise InputError(
-                f"{what} is {content:g}, and a membrane conducts above {least:g}",
-                code="too-dry",
-                where=PERCOLATION,
-                repair="ask for a wetter state, or correct the percolation of the membrane",
-            )
 
 
 def _speed(values: Mapping[str, float], number: str) -> float:

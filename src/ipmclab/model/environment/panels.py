@@ -15,7 +15,8 @@ import numpy.typing as npt
 
 from ipmclab.model.environment.conditions import WaterState
 from ipmclab.model.environment.hydration import PERCOLATION
-from ipmclab.model.environment.laws import check_conducts, conducts_above, moved_values
+from ipmclab.model.environment.laws import conducts_above
+from ipmclab.model.environment.moved import check_conducts, moved_values
 from ipmclab.model.environment.path import Grid, Panel, steps
 
 FloatArray = npt.NDArray[np.float64]

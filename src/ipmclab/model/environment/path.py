@@ -9,7 +9,7 @@ from typing import Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.model.environment.laws import check_conducts, moved_values
+from ipmclab.model.environment.moved import check_conducts, moved_values
 from ipmclab.model.environment.transport import WaterCourse
 
 FloatArray = npt.NDArray[np.float64]

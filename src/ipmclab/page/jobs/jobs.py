@@ -40,6 +40,10 @@ class Job:
         What it is doing.
     fraction : float or None
         The part that is done, where it is known.
+    first : list of dict or None
+        The rows of its first answer, as soon as that is there.
+    is_kept : bool
+        Whether it was asked to end soon with what it has.
     future : Future of Frame
         Raises the ``IpmclabError`` of a job that failed, and ``JobCancelled``.
     """
@@ -53,6 +57,8 @@ class Job:
         self.state: State = "waiting"
         self.sentence = ""
         self.fraction: float | None = None
+        self.first: list[dict[str, Any]] | None = None
+        self.is_kept = False
         self.future: Future[Frame] = Future()
         self.future.set_running_or_notify_cancel()  # who waits for it may go away; that does not cancel the job
         self.started: float | None = None
@@ -132,6 +138,10 @@ class Jobs:
         """Let a job go: at its next word of progress, or with its worker a second later."""
         self._lanes[TASKS[job.task].lane].cancel(job)
 
+    def keep(self, job: Job) -> None:
+        """Let a job that has a first answer end with what stands, at its next word of progress."""
+        self._lanes[TASKS[job.task].lane].keep(job)
+
     def close(self) -> None:
         """End all workers."""
         for lane in self._lanes.values():
@@ -180,10 +190,7 @@ class _Lane:
     @staticmethod
     def _take_back(job: Job, child: subprocess.Popen[bytes]) -> None:
         """Signal a worker that a job is not wanted, and end it where it does not heed that."""
-        with contextlib.suppress(OSError, ValueError):
-            assert child.stdin is not None
-            child.stdin.write(pack({"cancel": job.number}))
-            child.stdin.flush()
+        _send(child, {"cancel": job.number})
 
         def end() -> None:
             if not job.is_over:
@@ -192,6 +199,13 @@ class _Lane:
         timer = threading.Timer(_GRACE, end)
         timer.daemon = True
         timer.start()
+
+    def keep(self, job: Job) -> None:
+        with self._changed:
+            if job.is_over or job.is_kept or job.first is None or self._child is None:
+                return
+            job.is_kept = True
+            _send(self._child, {"keep": job.number})
 
     def close(self) -> None:
         with self._changed:
@@ -230,11 +244,8 @@ class _Lane:
         if job.is_cancelled.is_set():  # while it was started
             job._end("cancelled", error=JobCancelled())
             return
-        assert child.stdin is not None
         assert child.stdout is not None
-        with contextlib.suppress(OSError):  # a worker that died shows below
-            child.stdin.write(pack({"id": job.number, "task": job.task, "arguments": job.arguments}))
-            child.stdin.flush()
+        _send(child, {"id": job.number, "task": job.task, "arguments": job.arguments})
         if job.is_cancelled.is_set():  # between the two: the worker before this one may have got it
             self._take_back(job, child)
         with self._limited(job, child):
@@ -266,6 +277,7 @@ class _Lane:
                 continue
             if "progress" in document:
                 job.sentence, job.fraction = document["progress"], document["fraction"]
+                job.first = document.get("first", job.first)
                 continue
             if "done" in document:
                 job._end("done", Frame(document["done"], frame.arrays))
@@ -341,6 +353,14 @@ class _Lane:
             self._stderr.close()
             self._stderr = None
         return last
+
+
+def _send(child: subprocess.Popen[bytes], request: Mapping[str, Any]) -> None:
+    """Send a worker a request; one that died shows where it is read."""
+    with contextlib.suppress(OSError, ValueError):
+        assert child.stdin is not None
+        child.stdin.write(pack(request))
+        child.stdin.flush()
 
 
 def _too_long(job: Job) -> IpmclabError:

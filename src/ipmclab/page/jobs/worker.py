@@ -1,8 +1,10 @@
 """The program of a worker: it reads requests from stdin, does one after another, and answers on stdout.
 
-A request is a frame ``{"id", "task", "arguments"}``, or ``{"cancel": id}``. Frames of the answer are
-``{"id", "progress", "fraction"}`` and at last ``{"id", "done"}`` with the arrays, ``{"id", "error"}`` or
-``{"id", "cancelled"}``. It ends when stdin does: a server that died leaves no worker behind.
+A request is a frame ``{"id", "task", "arguments"}``. ``{"cancel": id}`` takes it back, and ``{"keep": id}`` lets its
+task end soon with what it has. Frames of the answer are ``{"id", "progress", "fraction"}``, once with its ``"first"``
+answer, and at last ``{"id", "done"}`` with the arrays, ``{"id", "error"}`` or ``{"id", "cancelled"}``.
+
+It ends when stdin does: a server that died leaves no worker behind.
 """
 
 from __future__ import annotations
@@ -12,6 +14,7 @@ import queue
 import sys
 import threading
 import time
+from collections.abc import Sequence
 from typing import Any, BinaryIO, Final
 
 from ipmclab.page.jobs.frames import Frame, pack, read_frame
@@ -31,12 +34,15 @@ class _Inbox:
     def __init__(self, stream: BinaryIO) -> None:
         self.requests: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()
         self.taken_back: set[int] = set()
+        self.kept: set[int] = set()
         threading.Thread(target=self._listen, args=(stream,), daemon=True).start()
 
     def _listen(self, stream: BinaryIO) -> None:
         while (frame := read_frame(stream)) is not None:
             if "cancel" in frame.document:
                 self.taken_back.add(frame.document["cancel"])
+            elif "keep" in frame.document:
+                self.kept.add(frame.document["keep"])
             else:
                 self.requests.put(frame.document)
         os._exit(0)  # the server is gone: also a computation that asks for no progress ends
@@ -63,14 +69,19 @@ def _answer(request: dict[str, Any], inbox: _Inbox, out: BinaryIO) -> bytes:
     this = request["id"]
     last = -_BETWEEN_REPORTS
 
-    def progress(sentence: str, fraction: float | None = None) -> None:
+    def progress(
+        sentence: str, fraction: float | None = None, *, first: Sequence[dict[str, Any]] | None = None
+    ) -> None:
         nonlocal last
         if this in inbox.taken_back:
             raise Cancelled
+        if this in inbox.kept:
+            raise KeyboardInterrupt
         now = time.monotonic()
-        if now - last >= _BETWEEN_REPORTS:
+        if first is not None or now - last >= _BETWEEN_REPORTS:
             last = now
-            out.write(pack({"id": this, "progress": sentence, "fraction": fraction}))
+            report = {"id": this, "progress": sentence, "fraction": fraction}
+            out.write(pack(report if first is None else {**report, "first": first}))
             out.flush()
 
     try:
@@ -78,7 +89,7 @@ def _answer(request: dict[str, Any], inbox: _Inbox, out: BinaryIO) -> bytes:
             raise Cancelled
         answer: Frame = find_task(request["task"])(request["arguments"], progress)
         return pack({"id": this, "done": answer.document}, answer.arrays)
-    except Cancelled:
+    except (Cancelled, KeyboardInterrupt):
         return pack({"id": this, "cancelled": True})
     except IpmclabError as error:
         return pack({"id": this, "error": {**error.as_dict(), "exit_status": error.exit_status}})

@@ -9,8 +9,8 @@ from urllib.parse import urlencode
 from nicegui import ui
 
 from ipmclab.errors import IpmclabError
-from ipmclab.fit.answer import REFUSED
 from ipmclab.fit.mountings import NEXT_STRIP
+from ipmclab.fit.verdict import REFUSED
 from ipmclab.page.curves import compared_panels
 from ipmclab.page.elements.time_plot import TimePlot
 from ipmclab.page.fit_cards import FitCard
@@ -140,7 +140,7 @@ class FitView:
                 text("command and Python", tag="summary")
                 start = one.made.start
                 before = [] if start is None else [start.key]
-                step_view()(self._workshop.repeatable(self._workshop.step_of(one.made), before))
+                step_view()(self._workshop.steps.repeatable(self._workshop.steps.of(one.made), before))
 
     def _build_plot(self, one: FitCard) -> None:
         assert one.frame is not None

@@ -21,6 +21,7 @@ from ipmclab.page.sections.kept import Kept, texts
 from ipmclab.page.sections.next_runs import NextRunsView
 from ipmclab.page.sections.parts import card, fail_at, sentence, step_view, text
 from ipmclab.page.sections.prediction import PredictionView
+from ipmclab.page.sections.running_fit import RunningFit
 
 _PERIOD: Final = 0.25  # s between looks at the jobs
 _STATE_MOUNTING: Final = "state its mounting where it is recorded or imported, or choose “free per run”"
@@ -40,7 +41,7 @@ class _View:
         self._awaited: FitCard | None = None  # is shown once it is over, unless another is shown before
         self._told: dict[str, tuple[Any, ...]] = {}
         self._cards: dict[str, ui.element] = {}
-        self._bars: dict[str, tuple[Any, Any]] = {}
+        self._running: dict[str, RunningFit] = {}
         self._rows: list[dict[str, Any]] = []
 
     def build(self) -> None:
@@ -122,7 +123,7 @@ class _View:
         self._awaited = at_work[-1] if at_work else None
         self._prediction.go_on(kept)
         self._next.go_on(kept)
-        await self._workshop.looked()
+        await self._workshop.runs.looked()
         await self._read_rows()
         if not self._rows:
             self._count.set_text("No runs yet: record one under Run, or import one under Runs.")
@@ -136,7 +137,7 @@ class _View:
         found, missing = [], []
         for name in self._opened:
             try:
-                found.append(self._workshop.lab.below(self._workshop.run_path(name)))
+                found.append(self._workshop.lab.below(self._workshop.runs.path(name)))
             except InputError as error:
                 missing.append(error.message)
         self._missing.set_text("; ".join(missing))
@@ -156,13 +157,13 @@ class _View:
 
     def _is_there(self, key: str) -> bool:
         try:
-            self._workshop.run_path(key)
+            self._workshop.runs.path(key)
         except InputError:
             return False
         return True
 
     def _table_rows(self) -> list[dict[str, Any]]:
-        return table_rows(self._workshop.rows(), RunFilter())[0]
+        return table_rows(self._workshop.runs.rows(), RunFilter())[0]
 
     def _chose(self, chosen: Chosen) -> None:
         fit, held = len(chosen["fit"]), len(chosen["held"])
@@ -204,7 +205,7 @@ class _View:
             self._workshop.refuse_name(asked.name)
             name = asked.name
         step = identify_step(
-            self._workshop.file_name(asked.actuator),
+            self._workshop.steps.file_name(asked.actuator),
             asked.runs or ("RUN.nc",),
             asked.free if asked.free or asked.per_run or asked.per_mounting else ("NAMES",),
             asked.per_run,
@@ -212,7 +213,7 @@ class _View:
             asked.prior,
             out=f"{name.replace(' ', '-')}.toml",
         )
-        self._step(self._workshop.repeatable(step, [asked.actuator]))
+        self._step(self._workshop.steps.repeatable(step, [asked.actuator]))
 
     def _identify(self) -> None:
         self._message.set_text("")
@@ -248,7 +249,9 @@ class _View:
             self._offer_name()
             self._draw_jobs({key for key, state in now.items() if self._told.get(key) != state})
             self._told = now
-        self._show_progress()
+        for one in fits:
+            if one.key in self._running and not one.job.is_over:
+                self._running[one.key].look()
         if self._awaited is not None and self._awaited.job.is_over:
             self._show(self._awaited)
 
@@ -264,7 +267,7 @@ class _View:
                     self._cards[one.key] = ui.element("div").classes("lab-job")
                 self._cards[one.key].move(target_index=0)
             if one.key in changed:
-                self._bars.pop(one.key, None)
+                self._running.pop(one.key, None)
                 self._cards[one.key].clear()
                 with self._cards[one.key]:
                     self._draw_job(one)
@@ -278,19 +281,9 @@ class _View:
             elif one.frame is not None:
                 ui.button("Show", on_click=lambda: self._show(one)).props("outline no-caps dense")
         if not one.job.is_over:
-            bar = ui.element("progress").props(f'max=1 aria-label="Progress of {one.asked.name}"')
-            self._bars[one.key] = (bar, text("").classes("lab-quiet").props("role=status"))
+            self._running[one.key] = RunningFit(one, self._workshop.jobs)
         else:
             text(_outcome(one)).classes("lab-bad" if one.job.state == "failed" else "lab-quiet")
-
-    def _show_progress(self) -> None:
-        for one in self._workshop.fits:
-            if one.key in self._bars and not one.job.is_over:
-                bar, label = self._bars[one.key]
-                if one.job.fraction is not None:
-                    bar.props(f"value={one.job.fraction:.3f}")
-                waits = "waiting for the fit before" if one.job.state == "waiting" else one.job.sentence
-                label.set_text(f"{waits} ({one.job.seconds:.0f} s)" if waits else "")
 
     def _show(self, one: FitCard) -> None:
         self._awaited = None

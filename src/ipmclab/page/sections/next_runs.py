@@ -158,8 +158,10 @@ class NextRunsView:
         """The other model as a worker is given it, and as a command names it; empty where none is asked for."""
         name = (self._rival.value or "").strip() if self._goal.value == "model" else ""
         is_file = name.endswith(".toml") or self._workshop.fit(name) is not None
+        if not is_file:
+            return name, name
         try:
-            return (self._workshop.actuator_path(name), self._workshop.file_name(name)) if is_file else (name, name)
+            return self._workshop.actuator_path(name), self._workshop.steps.file_name(name)
         except InputError as error:
             fail_at(self._rival, error)
             raise
@@ -199,7 +201,7 @@ class NextRunsView:
         if asked is None:
             return
         step = next_step(
-            self._workshop.file_name(self._fit.value),
+            self._workshop.steps.file_name(self._fit.value),
             asked["goal"],
             asked["minutes"],
             limits=asked["limits"],
@@ -207,7 +209,7 @@ class NextRunsView:
             inputs=asked["inputs"],
             rival=self._other_model()[1],
         )
-        step = self._workshop.repeatable(step, [self._fit.value])
+        step = self._workshop.steps.repeatable(step, [self._fit.value])
         self._asked += 1
         this = self._asked
         self._message.set_text("asking the model")

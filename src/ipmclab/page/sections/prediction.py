@@ -107,7 +107,7 @@ class PredictionView:
             arguments = {
                 "models": [self._workshop.actuator_path(key) for key in chosen],
                 "names": names,
-                "runs": [str(self._workshop.run_path(key)) for key in runs],
+                "runs": [str(self._workshop.runs.path(key)) for key in runs],
             }
             job = self._workshop.jobs.submit("validate", arguments, title="prediction")
             frame = await asyncio.wrap_future(job.future)
@@ -122,8 +122,8 @@ class PredictionView:
             self._show(frame, names)
             with self._box, ui.element("details"):
                 text("command and Python", tag="summary")
-                files = [self._workshop.file_name(key) for key in chosen]
-                step_view()(self._workshop.repeatable(validate_step(files, runs), chosen))
+                files = [self._workshop.steps.file_name(key) for key in chosen]
+                step_view()(self._workshop.steps.repeatable(validate_step(files, runs), chosen))
 
     def _show(self, frame: Frame, names: Sequence[str]) -> None:
         document = frame.document

@@ -83,7 +83,7 @@ class _View:
                 f"it was made from {', '.join(missing)}, which this folder lacks; copy the run files into it, "
                 "and look again under Runs",
             )
-        known = runs_in_words(await asyncio.to_thread(self._workshop.rows))
+        known = runs_in_words(await asyncio.to_thread(self._workshop.runs.rows))
         self._show_used(known)
         others = {key: words or key for key, words in known.items() if key not in self._used}
         one = self._workshop.fit(self._fit.value)
@@ -110,10 +110,10 @@ class _View:
             self._step(self._last_step())
 
     def _last_step(self) -> Step:
-        file = self._workshop.file_name(self._fit.value)
+        file = self._workshop.steps.file_name(self._fit.value)
         stem = (self._name.value or "").strip().removesuffix(".html") or "report"
         step = report_step(file, self._used, self._unseen.chosen, f"{stem}.html")
-        return self._workshop.repeatable(step, [self._fit.value])
+        return self._workshop.steps.repeatable(step, [self._fit.value])
 
     async def _write(self) -> None:
         self._message.set_text("")
@@ -171,12 +171,12 @@ class _View:
                     code="no-such-file",
                     repair="choose another fit, or put it back",
                 )
-            runs = [str(self._workshop.run_path(key)) for key in self._used]
+            runs = [str(self._workshop.runs.path(key)) for key in self._used]
         except IpmclabError as error:
             fail_at(self._fit, error)
             return None
         try:
-            validation = [str(self._workshop.run_path(key)) for key in self._unseen.chosen]
+            validation = [str(self._workshop.runs.path(key)) for key in self._unseen.chosen]
         except IpmclabError as error:
             self._unseen.complain(f"{error.message}; choose it no longer, or put it back")
             return None

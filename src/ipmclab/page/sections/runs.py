@@ -16,12 +16,13 @@ from ipmclab.page.curves import run_panels
 from ipmclab.page.elements.run_table import Chosen, RunTable
 from ipmclab.page.elements.time_plot import TimePlot
 from ipmclab.page.jobs.jobs import Job, JobCancelled
+from ipmclab.page.lab_runs import MOST_COMPARED, labels
 from ipmclab.page.run_table import MOST_SHOWN, RunFilter, table_rows
 from ipmclab.page.sections.board import build_board
 from ipmclab.page.sections.importing import build_import
 from ipmclab.page.sections.parts import card, download, finding_bands, finding_list, plain_table, text
 from ipmclab.page.sections.treatment import build_treatment
-from ipmclab.page.workshop import MOST_COMPARED, Workshop, labels
+from ipmclab.page.workshop import Workshop
 from ipmclab.store.catalogue.query import STATES, CatalogueRow
 from ipmclab.units import CHANNELS
 
@@ -83,7 +84,7 @@ class _View:
     async def _read_rows(self) -> None:
         self._reads += 1
         number = self._reads
-        rows = await asyncio.to_thread(self._workshop.rows)
+        rows = await asyncio.to_thread(self._workshop.runs.rows)
         if number > self._read:  # one that was begun later may have come first
             self._read, self._rows = number, rows
         self._fill_choices()
@@ -141,7 +142,7 @@ class _View:
         self._filter_rows()
         problems: list[dict[str, str]] = []
         try:
-            for job in self._workshop.looks():
+            for job in self._workshop.runs.looks():
                 while not job.is_over:
                     await asyncio.sleep(0.2)
                     if job.sentence.startswith("run "):
@@ -187,7 +188,7 @@ class _View:
                 return
         try:
             runs = {
-                name: await asyncio.to_thread(self._workshop.read_run, key)
+                name: await asyncio.to_thread(self._workshop.runs.read, key)
                 for name, key in zip(names, keys, strict=True)
             }
         except IpmclabError as error:
@@ -201,7 +202,7 @@ class _View:
         self._curves = self._workshop.curves.add(panels)
         jobs = None
         if len(keys) == 1:
-            path = {"run": str(self._workshop.run_path(keys[0]))}
+            path = {"run": str(self._workshop.runs.path(keys[0]))}
             jobs = (self._workshop.jobs.submit("look", path), self._workshop.jobs.submit("about", path))
         with self._chosen, card(names[0] if len(keys) == 1 else f"{len(keys)} runs compared"):
             plot = TimePlot(

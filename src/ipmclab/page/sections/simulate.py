@@ -93,7 +93,7 @@ class _View:
         with self._host:
             view = Simulator(name, loaded, runs=runs, run=self._run, stamp=stamped, on_asked=self._answer)
         self._loaded = (name, loaded, view)
-        await self._workshop.looked()
+        await self._workshop.runs.looked()
         if (now := await self._runs()) != runs:
             view.set_runs(now)
 
@@ -105,18 +105,18 @@ class _View:
     async def _find_run(self, runs: list[tuple[str, str]]) -> list[tuple[str, str]]:
         """The runs that can be laid over, with the one that the address names; that there is none such is said."""
         try:
-            self._run = self._workshop.lab.below(self._workshop.run_path(self._run or ""))
+            self._run = self._workshop.lab.below(self._workshop.runs.path(self._run or ""))
         except IpmclabError as error:
             self._show_missing(f"{error.message}: the voltage is that of a step instead.")
             self._run = None
             return runs
         if self._run not in dict(runs):  # recorded or copied just now
-            await self._workshop.looked()
+            await self._workshop.runs.looked()
             runs = await self._runs()
         return runs
 
     async def _runs(self) -> list[tuple[str, str]]:
-        known = runs_in_words(await asyncio.to_thread(self._workshop.rows))
+        known = runs_in_words(await asyncio.to_thread(self._workshop.runs.rows))
         return [(key, f"{words} – {key}" if words else key) for key, words in known.items()]
 
     async def _answer(self, question: dict[str, Any]) -> None:
@@ -130,7 +130,7 @@ class _View:
             if told != self._told:
                 return  # something newer is shown
             step = simulate_step(
-                self._workshop.file_name(name),
+                self._workshop.steps.file_name(name),
                 question["changes"],
                 signal=question["signal"],
                 duration=float(question["duration"] or 0.0),
@@ -140,11 +140,11 @@ class _View:
             )
         except (ValueError, IpmclabError):
             return  # the view says what is wrong
-        self._step(self._workshop.repeatable(step, [name]))
+        self._step(self._workshop.steps.repeatable(step, [name]))
 
     def _replay(self, key: str) -> Replay:
         """What a step over a run has to know of it. May take as long as to read it."""
-        return Replay.of(key, self._workshop.read_run(key))
+        return Replay.of(key, self._workshop.runs.read(key))
 
     async def _save(self) -> None:
         fail_at(self._name, None)

@@ -45,7 +45,7 @@ class _Form:
 
     def __init__(self, workshop: Workshop, key: str) -> None:
         self._workshop, self._key = workshop, key
-        self._path = str(workshop.run_path(key))
+        self._path = str(workshop.runs.path(key))
 
     def _field(self, label: str, value: str) -> ui.input:
         return ui.input(label, value=value).props("dense outlined")

@@ -17,6 +17,9 @@ from ipmclab.rig.files.text import rig_to_text
 Status = Literal["passed", "failed", "noted", "not done"]
 """``noted``: what was found is a fact of this hardware, for which there is no right or wrong."""
 
+WITHIN: Final = 1.0
+"""The output is at 0 V so soon [s] after whatever ends the recorder."""
+
 UNPROVEN: Final = "not proven on this hardware"
 
 

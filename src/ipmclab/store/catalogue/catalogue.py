@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import os
 import socket
-import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -14,7 +13,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 from ipmclab.errors import InputError, IpmclabError
 from ipmclab.store.catalogue.database import Database, parse_url, url_in_folder
-from ipmclab.store.catalogue.facts import facts_of, finding_columns, problem_text, read_facts, storable
+from ipmclab.store.catalogue.facts import facts_of, finding_columns, read_facts, storable
+from ipmclab.store.catalogue.inspection import Inspect, inspect_files
 from ipmclab.store.catalogue.query import STATES as STATES
 from ipmclab.store.catalogue.query import CatalogueRow as CatalogueRow
 from ipmclab.store.catalogue.query import RunQuery as RunQuery
@@ -25,18 +25,12 @@ from ipmclab.store.catalogue.sweep import Progress, sweep_files
 from ipmclab.store.catalogue.sweep import Sweep as Sweep
 from ipmclab.store.catalogue.write import IDS_AT_ONCE, choose_shown, put_findings, put_new_run, put_run_file
 from ipmclab.store.document import metadata_table
-from ipmclab.store.run_file import read_run
 
 if TYPE_CHECKING:
-    from ipmclab.run import Finding, Run, RunMetadata
+    from ipmclab.run import Finding, RunMetadata
 
 ENVIRONMENT_VARIABLE: Final = "IPMCLAB_CATALOGUE"
 """Where a group says the address of its catalogue once, for every verb."""
-
-_BETWEEN_WRITES: Final = 2.0
-"""Findings are written at least this often [s], so that what was inspected is kept when it is stopped."""
-
-Inspect = Callable[["Run"], Sequence["Finding"]]
 
 
 @dataclass(frozen=True)
@@ -252,33 +246,7 @@ class Catalogue:
         problems : tuple of Problem
             Files that turned out to be damaged, and runs that could not be inspected.
         """
-        todo = [
-            row
-            for row in rows
-            if row.finding_codes is None and row.path and row.problem is None and row.laboratory == self.laboratory
-        ]
-        problems: list[Problem] = []
-        kept: list[tuple[CatalogueRow, Sequence[Finding] | InputError]] = []
-        last = time.monotonic()
-        for done, row in enumerate(todo, start=1):
-            path = self.root / str(row.path)
-            try:
-                kept.append((row, tuple(inspect(read_run(path)))))
-            except InputError as error:
-                if path.exists():
-                    kept.append((row, error))
-                    problems.append(Problem(str(row.path), *problem_text(error)))
-            except Exception as error:  # a run that no check foresaw must not stop the others
-                problems.append(
-                    Problem(str(row.path), "not-checked", f"it could not be checked: {problem_text(error)[1]}")
-                )
-            if on_progress is not None:
-                on_progress(done, len(todo))
-            if time.monotonic() - last > _BETWEEN_WRITES:
-                self._keep(kept)
-                kept, last = [], time.monotonic()
-        self._keep(kept)
-        return tuple(problems)
+        return inspect_files(self._database, self.root, self.laboratory, rows, inspect, on_progress)
 
     def findings(self, rows: Sequence[CatalogueRow]) -> dict[int, tuple[KeptFinding, ...]]:
         """The findings of runs, by the id of their row."""
@@ -334,18 +302,6 @@ class Catalogue:
         with self._database.read() as connection:
             chosen = select(run.c[column]).where(run.c[column].is_not(None)).distinct().order_by(run.c[column])
             return [str(value) for value in connection.execute(chosen).scalars()]
-
-    def _keep(self, kept: Sequence[tuple[CatalogueRow, Sequence[Finding] | InputError]]) -> None:
-        if not kept:
-            return
-        # Always in the same order: two writers that lock rows crosswise would wait for each other.
-        with self._database.write() as connection:
-            for row, found in sorted(kept, key=lambda pair: pair[0].id):
-                if isinstance(found, InputError):
-                    stamp = _stamp(self.root / str(row.path))
-                    choose_shown(connection, *put_run_file(connection, self.laboratory, str(row.path), found, stamp))
-                else:
-                    put_findings(connection, row.id, *finding_columns(found))
 
     def _look_for_recordings(self) -> None:
         """Let rows of recordings follow the journals: one for each, and none that still says so without its journal."""
@@ -423,11 +379,3 @@ def safely(action: Callable[[], object]) -> IpmclabError | None:
             repair="the run is safe in its file; ipmclab runs FOLDER takes it in later",
         )
     return None
-
-
-def _stamp(path: Path) -> tuple[int, int]:
-    try:
-        found = path.stat()
-    except OSError:
-        return -1, -1
-    return found.st_size, found.st_mtime_ns

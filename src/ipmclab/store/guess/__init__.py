@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from ipmclab.store.guess.guess import Guess as Guess
-from ipmclab.store.guess.guess import Question as Question
 from ipmclab.store.guess.guess import guess_map as guess_map
+from ipmclab.store.guess.question import Guess as Guess
+from ipmclab.store.guess.question import Question as Question
 
 __all__ = ["Guess", "Question", "guess_map"]

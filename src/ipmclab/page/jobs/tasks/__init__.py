@@ -3,13 +3,23 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Callable
-from typing import Any, Final, NamedTuple
+from collections.abc import Callable, Sequence
+from typing import Any, Final, NamedTuple, Protocol
 
 from ipmclab.page.jobs.frames import Frame
 
-Progress = Callable[..., None]
-"""Called with a sentence and, where it is known, the part that is done (0 to 1)."""
+
+class Progress(Protocol):
+    """Called with a sentence and, where it is known, the part that is done (0 to 1).
+
+    A task that has a ``first`` answer hands its rows on as soon as it is there. From then on its user may keep what
+    stands: a call raises ``KeyboardInterrupt``, as Ctrl-C does on a terminal.
+    """
+
+    def __call__(
+        self, sentence: str, fraction: float | None = None, *, first: Sequence[dict[str, Any]] | None = None
+    ) -> None: ...
+
 
 Task = Callable[[dict[str, Any], Progress], Frame]
 

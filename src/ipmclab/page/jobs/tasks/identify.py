@@ -24,31 +24,35 @@ def run(arguments: dict[str, Any], progress: Progress) -> Frame:
         What ``identify`` refuses.
     """
     from ipmclab import load_actuator
+    from ipmclab.fit.first_answer import first_rows
     from ipmclab.fit.fit_file import write_fit
-    from ipmclab.page.jobs.tasks.given import read_runs
+    from ipmclab.page.jobs.tasks.given import read_runs, rows_of
+    from ipmclab.progress import first_answer_to
     from ipmclab.workflows.fitting import fit_of_runs
 
     progress("reading the runs", 0.0)
     actuator = load_actuator(arguments["actuator"])
     runs = read_runs(arguments["runs"])
-    fit = fit_of_runs(
-        actuator,
-        runs,
-        free=arguments["free"],
-        per_run=arguments.get("per_run") or (),
-        per_mounting=arguments.get("per_mounting") or (),
-        prior=arguments.get("prior") or (),
-        labels=arguments["labels"],
-        progress=progress,
-    )
+    with first_answer_to(lambda found: progress("the first answer", first=rows_of(first_rows(found)))):
+        fit = fit_of_runs(
+            actuator,
+            runs,
+            free=arguments["free"],
+            per_run=arguments.get("per_run") or (),
+            per_mounting=arguments.get("per_mounting") or (),
+            prior=arguments.get("prior") or (),
+            labels=arguments["labels"],
+            progress=progress,
+        )
     write_fit(fit, arguments["out"], overwrite=True)
     return fit_frame(fit, runs)
 
 
 def fit_frame(fit: Fit, runs: list[Run]) -> Frame:
     """A fit as the page shows it; arrays ``RUN.OUTPUT.measured``, ``.model``, ``.residual`` and ``.time``."""
-    from ipmclab.fit.answer import known_title, verdict
+    from ipmclab.fit.answer import known_title
     from ipmclab.fit.output_diagnosis import WORDS
+    from ipmclab.fit.verdict import verdict
     from ipmclab.identification.mountings.mountings import why_unknown
     from ipmclab.page.jobs.tasks.given import comparison_arrays, finding_row, rows_of
     from ipmclab.prediction.fitted import fitted_outputs
