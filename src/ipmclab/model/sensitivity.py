@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
@@ -160,6 +161,7 @@ class Kept:
         self._scratch: tuple[Shape, Scratch] | None = None
         self._records: dict[tuple[int, int], tuple[object, object, FloatArray, FloatArray, float]] = {}
         self._lines: dict[tuple[object, ...], Timeline] = {}
+        self._middles: dict[tuple[object, ...], Timeline] = {}
 
     def line(
         self,
@@ -180,17 +182,34 @@ class Kept:
         """
         key = id(time), id(voltage), hold, delay, from_rest, leaks
         if key not in self._lines:
-            times, volts, period = self._record(time, voltage)
-            line = timeline(times, volts, hold, delay=delay, from_rest=from_rest, period=period)
+            line = self._laid(time, voltage, hold, delay, from_rest)
             if leaks:
                 count = law_parts(line.durations)
                 if self._by_rows:
-                    count = np.minimum(count, law_parts(np.diff(times).min(keepdims=True)))
+                    rows = self._record(time, voltage)[0]
+                    count = np.minimum(count, law_parts(np.diff(rows).min(keepdims=True)))
                 line = divided(line, count)
             if len(self._lines) >= _LINES:
                 self._lines.clear()
             self._lines[key] = line
         return self._lines[key]
+
+    def _laid(self, time: npt.ArrayLike, voltage: npt.ArrayLike, hold: Hold, delay: float, from_rest: bool) -> Timeline:
+        """The time line of a record, from that of edges in the middle between rows, where these come to no row."""
+        times, volts, period = self._record(time, voltage)
+
+        def laid(later: float) -> Timeline:
+            return timeline(times, volts, hold, delay=later, from_rest=from_rest, period=period)
+
+        if delay == 0.0 or hold == "first":
+            return laid(delay)
+        middle = (math.floor(delay / period) + 0.5) * period
+        key = id(time), id(voltage), hold, middle, from_rest
+        if key not in self._middles:
+            if len(self._middles) >= _LINES:
+                self._middles.clear()
+            self._middles[key] = laid(middle)
+        return self._middles[key].delayed(delay - middle) or laid(delay)
 
     def _record(self, time: npt.ArrayLike, voltage: npt.ArrayLike) -> tuple[FloatArray, FloatArray, float]:
         """The times [s] of a record, its voltage [V] and its period [s]: a search moves its edges again and again."""
@@ -200,6 +219,7 @@ class Kept:
             if len(self._records) >= _LINES:
                 self._records.clear()
                 self._lines.clear()
+                self._middles.clear()
             # The arrays are held, so that nothing else can take their identity.
             self._records[key] = time, voltage, times, volts, period_of(times)
         return self._records[key][2:]

@@ -31,7 +31,8 @@ class Timeline:
 
     ``durations`` [s] has one entry for each kind of interval. Where a delay grows, an edge moves and a row does not:
     ``arrives`` and ``leaves`` (shape (n_intervals + 1,)) tell by how much the end of the interval before and the begin
-    of the interval after it move there for a second of delay. They differ where an edge lies on a row.
+    of the interval after it move there for a second of delay. They differ where an edge lies on a row. A delay that
+    changes within ``room`` [s] moves no edge to a row; each second of it adds ``lengthens`` to ``durations``.
     """
 
     durations: FloatArray
@@ -46,6 +47,16 @@ class Timeline:
     read_before_jump: bool
     arrives: FloatArray
     leaves: FloatArray
+    lengthens: FloatArray
+    room: tuple[float, float]
+
+    def delayed(self, by: float) -> Timeline | None:
+        """The same with edges that come so much later [s]; None where one of them would come to a row."""
+        if not self.room[0] < by < self.room[1]:
+            return None
+        return replace(
+            self, durations=self.durations + by * self.lengthens, room=(self.room[0] - by, self.room[1] - by)
+        )
 
     @property
     def course(self) -> Course:
@@ -124,16 +135,21 @@ def timeline(
         reading = levels[np.searchsorted(edges, time, side="left" if read_before else "right")]
         rate, reading_rate = np.zeros(len(lengths)), np.zeros(len(time))
         jump[edge_events[inside]] = -np.diff(levels)[inside]
-    durations, interval = _kinds(lengths, _SAME_DURATION * period)
     moves = np.zeros(len(events), dtype=bool)
     moves[edge_events[inside]] = True
+    durations, interval, lengthens = _kinds(
+        lengths, _SAME_DURATION * period, np.diff((moves & (row < 0)).astype(float))
+    )
+    room = (0.0, 0.0) if hold == "first" else _room(edges, time, place, _SAME_TIME * period)
     if not (from_rest or read_before):
         moves[0] = False  # the state is given behind this edge, and for its own time
     both = moves & (row >= 0)
     arrives, leaves = moves.astype(float), moves.astype(float)
     (arrives if read_before else leaves)[both] = 0.0
     return Timeline(
-        *(durations, interval, start, end, row, reading, rate, jump, reading_rate, read_before, arrives, leaves)
+        *(durations, interval, start, end, row, reading, rate, jump, reading_rate, read_before, arrives, leaves),
+        lengthens,
+        room,
     )
 
 
@@ -181,6 +197,7 @@ def divided(line: Timeline, parts: IndexArray) -> Timeline:
     return replace(
         line,
         durations=line.durations / parts,
+        lengthens=line.lengthens / parts,
         interval=line.interval[whole],
         start=start,
         end=end,
@@ -199,7 +216,16 @@ def _snap(edges: FloatArray, time: FloatArray, tolerance: float) -> FloatArray:
     return np.where(np.abs(edges - nearest) <= tolerance, nearest, edges)
 
 
-def _kinds(lengths: FloatArray, quantum: float) -> tuple[FloatArray, IndexArray]:
-    """The distinct lengths, and which of them each interval has."""
-    _, kind, counts = np.unique(np.round(lengths / quantum), return_inverse=True, return_counts=True)
-    return np.bincount(kind, weights=lengths) / counts, kind.astype(np.int64)
+def _kinds(lengths: FloatArray, quantum: float, lengthens: FloatArray) -> tuple[FloatArray, IndexArray, FloatArray]:
+    """The distinct lengths that change alike for a second of delay, by -1, 0 or 1; which is whose; by how much."""
+    _, first, kind, counts = np.unique(
+        3.0 * np.round(lengths / quantum) + lengthens, return_index=True, return_inverse=True, return_counts=True
+    )
+    return np.bincount(kind, weights=lengths) / counts, kind.astype(np.int64), lengthens[first]
+
+
+def _room(edges: FloatArray, time: FloatArray, place: IndexArray, tolerance: float) -> tuple[float, float]:
+    """By how much edges can come earlier and later until one of them is on a row, which ``place`` says is the next."""
+    before, after = edges[place > 0] - time[place[place > 0] - 1], (time[place % len(time)] - edges)[place < len(time)]
+    back, ahead = (float(np.min(one, initial=np.inf)) - tolerance for one in (before, after))
+    return (-back, ahead) if min(back, ahead) > 0.0 else (0.0, 0.0)
