@@ -58,8 +58,9 @@ class Converter:
 
     def convert(self, volts: npt.ArrayLike) -> FloatArray:
         """The reading for each voltage: the nearest step within the range."""
-        codes = np.round(np.asarray(volts, dtype=np.float64) / self.step)
-        return np.clip(codes * self.step, self.low, self.top)
+        codes = np.rint(np.asarray(volts, dtype=np.float64) / self.step)
+        readings: FloatArray = (codes * self.step).clip(self.low, self.top)
+        return readings
 
     def at_limit(self, readings: FloatArray) -> npt.NDArray[np.bool_]:
         """Which readings are the lowest or the highest that there is."""
