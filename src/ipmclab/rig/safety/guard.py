@@ -283,6 +283,9 @@ class Guard:
 
     def _hold(self, name: str, values: FloatArray) -> FloatArray:
         """Each reading, and in the place of one that is none the one before it."""
+        if not np.isnan(values).any():
+            self._held[name] = float(values[-1])
+            return values
         extended = np.concatenate([[self._held.get(name, 0.0)], values])
         held = extended[np.maximum.accumulate(np.where(np.isnan(extended), 0, np.arange(len(extended))))]
         self._held[name] = float(held[-1])
@@ -375,4 +378,4 @@ def rows_out_of_order(first_row: int, expected: int) -> IpmclabError:
 
 
 def _whole(values: FloatArray) -> IntArray:
-    return np.rint(np.clip(values, -_LARGEST, _LARGEST) * _PER_UNIT).astype(np.int64)
+    return np.rint(values.clip(-_LARGEST, _LARGEST) * _PER_UNIT).astype(np.int64)
