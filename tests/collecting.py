@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.workers import FITTING
+
 
 class Collecting:
     """Looks for examples only in files that have some, and takes nothing for garbage meanwhile."""
@@ -21,6 +23,12 @@ class Collecting:
         finally:
             gc.enable()
             gc.freeze()
+
+    def pytest_ignore_collect(self, collection_path: Path, config: pytest.Config) -> bool | None:
+        """Pass over modules of which none can be chosen: most are not among those repeated on another processor."""
+        if config.option.markexpr != "other_processor" or collection_path.suffix != ".py":
+            return None
+        return None if collection_path.relative_to(config.rootpath).as_posix().startswith(FITTING) else True
 
     @pytest.hookimpl(wrapper=True)
     def pytest_collect_file(

@@ -10,7 +10,9 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import ipmclab
+from ipmclab.model.numerics import compiled
 from ipmclab.model.numerics.compiled import cache_folder, kernel, sources
+from ipmclab.platform import lock_file
 
 PROGRAM = """
 from ipmclab.model.numerics.compiled import kernel
@@ -54,6 +56,46 @@ def test_another_installation_compiles_only_what_is_not_the_same(tmp_path: Path)
         done = subprocess.run(words, check=True, timeout=300, env=environment, capture_output=True, text=True)
         told.append(done.stdout.split())
     assert told == [["2.0", "0"], ["2.0", "1"], ["3.0", "0"]]
+
+
+AT_ONCE = """
+import sys
+import sums
+
+print("ready", flush=True)
+sys.stdin.readline()
+sums.added(1.0)
+print(sum(sums.added.stats.cache_hits.values()))
+"""
+
+
+def test_of_processes_that_need_a_kernel_at_once_one_compiles_it(tmp_path: Path) -> None:
+    long = " + ".join(f"{k}.0 * x**{k}" for k in range(200))  # others begin long before the first of them has ended
+    (tmp_path / "sums.py").write_text(SUMS.format(step=long), encoding="utf-8")
+    environment = {**os.environ, "IPMCLAB_CACHE": str(tmp_path / "cache"), "PYTHONPATH": str(tmp_path)}
+    command = [sys.executable, "-c", AT_ONCE]
+    all_of_them = [
+        subprocess.Popen(command, env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        for _ in range(4)
+    ]
+    for one in all_of_them:
+        assert one.stdout is not None
+        assert one.stdout.readline() == "ready\n"
+    for one in all_of_them:
+        assert one.stdin is not None
+        one.stdin.write("now\n")
+        one.stdin.flush()
+    told = [one.communicate(timeout=300)[0] for one in all_of_them]
+    assert sorted(told) == ["0\n", "1\n", "1\n", "1\n"]
+
+
+def test_a_process_that_stopped_as_it_compiled_is_not_waited_for_long(tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.setattr(compiled, "_LONGEST_TURN", 0.1)
+    file = tmp_path / "a kernel.turn"
+    with file.open("ab") as stream:
+        assert lock_file(stream.fileno())
+        with compiled._turn(file):
+            pass
 
 
 def test_threads_that_compile_at_once_all_keep_their_code_where_it_belongs() -> None:

@@ -58,8 +58,10 @@ class Converter:
 
     def convert(self, volts: npt.ArrayLike) -> FloatArray:
         """The reading for each voltage: the nearest step within the range."""
-        codes = np.round(np.asarray(volts, dtype=np.float64) / self.step)
-        return np.clip(codes * self.step, self.low, self.top)
+        step = self.step
+        codes = np.rint(np.asarray(volts, dtype=np.float64) / step)
+        readings: FloatArray = (codes * step).clip(self.low, self.top)
+        return readings
 
     def at_limit(self, readings: FloatArray) -> npt.NDArray[np.bool_]:
         """Which readings are the lowest or the highest that there is."""
@@ -154,8 +156,7 @@ class Channel:
         """Which readings [V] are no readings: nearer to ``lost`` than to the range of the sensor."""
         if self.lost is None or self.sensor_range is None:
             return np.zeros(len(readings), dtype=np.bool_)
-        ends = self.to_volts(np.array(self.sensor_range))
-        low, high = float(ends.min()), float(ends.max())
+        low, high = sorted((end - self.offset) / self.gain for end in self.sensor_range)
         if self.lost < low:
             return readings < (self.lost + low) / 2
         return readings > (self.lost + high) / 2

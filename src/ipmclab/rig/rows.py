@@ -185,8 +185,10 @@ class ClampedRows:
 
     def voltages(self, first_row: int, count: int, rate: float) -> FloatArray:
         """The voltages of some rows: see ``RowSource.voltages``."""
-        wanted = np.nan_to_num(self._source.voltages(first_row, count, rate), nan=0.0)
-        return np.clip(wanted, self.low, self.high)
+        wanted = self._source.voltages(first_row, count, rate)
+        if np.isnan(wanted).any():
+            wanted = np.nan_to_num(wanted, nan=0.0)
+        return wanted.clip(self.low, self.high)
 
     def look(self, first_row: int, readings: Mapping[str, FloatArray]) -> None:
         """Hand the readings on: see ``RowSource.look``."""

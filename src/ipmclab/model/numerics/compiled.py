@@ -13,14 +13,18 @@ import os
 import sys
 import tempfile
 import threading
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
 import numba
 from numba.core import event
+from numba.core.compiler_lock import global_compiler_lock
 
+from ipmclab.platform import lock_file
 from ipmclab.progress import aside
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
@@ -42,6 +46,12 @@ class _Compiling(event.Listener):
 
 
 event.register("numba:compile", _Compiling())  # type: ignore[no-untyped-call]
+
+_LONGEST_TURN: Final = 60.0
+"""So long [s] another process is waited for: it may have been stopped as it compiled. All kernels take that long."""
+
+_BETWEEN_LOOKS: Final = 0.02
+"""Seconds between two looks whether it has ended."""
 
 _PACKAGE = Path(__file__).resolve().parents[2]
 _TAKEN: Final = ("normal_equations.py", "model/blocks.py", "model/environment/path.py", "model/numerics/course.py")
@@ -135,11 +145,45 @@ def kernel(function: _Function) -> _Function:
         try:
             config.CACHE_DIR, config.CACHE_LOCATOR_CLASSES = str(cache_folder()), f"{__name__}.{ByModule.__name__}"
             compiled: _Function = njit(cache=True, **options)(function)
+            # The code of one processor is none of another's.
+            name = f"{function.__name__}-{function.__code__.co_firstlineno}-{config.CPU_NAME or 'own'}.turn"
+            _in_turn(compiled, cache_folder() / function.__module__ / name)
         except RuntimeError:  # no home, or no folder that can be written to, as in a read-only container
             compiled = njit(**options)(function)
         finally:
             config.CACHE_DIR, config.CACHE_LOCATOR_CLASSES = before
     return compiled
+
+
+def _in_turn(dispatcher: Any, file: Path) -> None:
+    """Let one process at a time compile a kernel: the others then find it in the cache.
+
+    Workers that start together would each compile the same kernels, for a minute of their processors. A kernel calls
+    others and none calls itself, so that nobody waits in a circle.
+    """
+    compile_here = dispatcher.compile
+
+    def compile_in_turn(signature: Any) -> Any:
+        with global_compiler_lock, _turn(file):
+            return compile_here(signature)
+
+    dispatcher.compile = compile_in_turn
+
+
+@contextmanager
+def _turn(file: Path) -> Iterator[None]:
+    """The turn of this process, or where nothing can be locked, or another takes very long, no turn."""
+    try:
+        stream = file.open("ab")
+    except OSError:
+        yield
+        return
+    with stream:
+        end = time.monotonic() + _LONGEST_TURN
+        with suppress(OSError):  # a file system without locks
+            while not lock_file(stream.fileno()) and time.monotonic() < end:
+                time.sleep(_BETWEEN_LOOKS)
+        yield
 
 
 def part(function: _Function) -> _Function:

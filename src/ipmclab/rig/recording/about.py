@@ -103,7 +103,7 @@ class About:
             read_for = timedelta(seconds=rows / self._request.rate)
             self._began = max(self._prepared, datetime.now().astimezone() - read_for)
         if "current" in values:
-            self._peak = max(self._peak, float(np.max(np.abs(np.nan_to_num(values["current"])))))
+            self._peak = float(np.fmax.reduce(np.abs(values["current"]), initial=self._peak))
 
     def breathed(self, air: Air) -> None:
         """Note what the air was like."""

@@ -66,7 +66,9 @@ class AirMean:
                 yield from self._finish((self._place + 1) * self._rows)
                 self._place = place
             for name in self._names:
-                values = readings.get(name, np.empty(0))
+                values = readings.get(name)
+                if values is None or not len(values):
+                    continue
                 if len(values) == count:
                     part = values[max(0, edge - first_row) : edge - first_row + self._rows]
                 else:  # a slow instrument: its readings count where the rows begin

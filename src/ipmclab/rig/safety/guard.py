@@ -118,12 +118,13 @@ class Guard:
 
     def __init__(self, limits: Limits, rate: float, rig: Rig) -> None:
         self._limits = limits.watched
+        self._blind = {name: Limit(limit.most, BLIND_TIME, "warn") for name, limit in self._limits.items()}
         self._rate = rate
         self._upstream = rig.voltage_sensed == "upstream of shunt"
         self._shunt = rig.shunt_resistance
         self._source = rig.source_resistance
         self._next = 0
-        self._watches: dict[str, _Watch] = {}
+        self._watches: dict[tuple[str, str, bool], _Watch] = {}
         self._means = {name: _Mean(max(1, round(MEAN_TIME * rate))) for name in ("mean_current", "power")}
         self._sums = {name: _Sum() for name in ("charge", "energy")}
         self._held: dict[str, float] = {}
@@ -210,13 +211,14 @@ class Guard:
             most = limit.most
             if name == "voltage":
                 most += max(VOLTAGE_TOLERANCE * most, LEAST_TOLERANCE)
-            known = ~np.isnan(values)
-            alarms += self._alarms(name, limit, at[known], values[known], size[known] > most)
+            missing = np.isnan(values)
+            blind = self._alarms(name, self._blind[name], at, values, missing, kind="blind")
+            if missing.any():
+                at, values, size = at[~missing], values[~missing], size[~missing]
+            alarms += self._alarms(name, limit, at, values, size > most)
             if limit.least is not None:
-                low = values[known] < limit.least
-                alarms += self._alarms(name, limit, at[known], values[known], low, end=limit.least)
-            blind = Limit(limit.most, BLIND_TIME, "warn")
-            alarms += self._alarms(name, blind, at, values, ~known, kind="blind")
+                alarms += self._alarms(name, limit, at, values, values < limit.least, end=limit.least)
+            alarms += blind
         return alarms
 
     def _sums_and_means(self, rows: IntArray, lost: int, voltage: FloatArray, current: FloatArray) -> list[Alarm]:
@@ -257,9 +259,14 @@ class Guard:
         end: float | None = None,
     ) -> list[Alarm]:
         """What passes a limit, at its lower ``end`` where one is given."""
-        wait = math.ceil(limit.duration * self._rate - 1e-9)
-        between = math.ceil(self._rate) if limit.action == "warn" else 0
-        watch = self._watches.setdefault(f"{name} {kind}{'' if end is None else ' low'}", _Watch(wait, between))
+        watched = name, kind, end is None
+        watch = self._watches.get(watched)
+        if watch is None:
+            if not beyond.any():
+                return []
+            wait = math.ceil(limit.duration * self._rate - 1e-9)
+            between = math.ceil(self._rate) if limit.action == "warn" else 0
+            watch = self._watches[watched] = _Watch(wait, between)
         return [
             Alarm(
                 name,
@@ -276,6 +283,9 @@ class Guard:
 
     def _hold(self, name: str, values: FloatArray) -> FloatArray:
         """Each reading, and in the place of one that is none the one before it."""
+        if not np.isnan(values).any():
+            self._held[name] = float(values[-1])
+            return values
         extended = np.concatenate([[self._held.get(name, 0.0)], values])
         held = extended[np.maximum.accumulate(np.where(np.isnan(extended), 0, np.arange(len(extended))))]
         self._held[name] = float(held[-1])
@@ -368,4 +378,4 @@ def rows_out_of_order(first_row: int, expected: int) -> IpmclabError:
 
 
 def _whole(values: FloatArray) -> IntArray:
-    return np.rint(np.clip(values, -_LARGEST, _LARGEST) * _PER_UNIT).astype(np.int64)
+    return np.rint(values.clip(-_LARGEST, _LARGEST) * _PER_UNIT).astype(np.int64)
