@@ -114,13 +114,25 @@ class Problem:
     def linear(self) -> Mask:
         """Which unknowns move the residuals in proportion, whatever the others are, and have no bounds.
 
-        What sensors add does, and of a strip whose model is linear its start and what its stages declare; not in a run
-        with a reading that is only a bound, which hangs on where the model is.
+        What sensors add does, and of a strip whose model is linear its start, and what its stages declare of runs from
+        rest: that multiplies a start. Nothing does in a run with a reading that is only a bound, which hangs on where
+        the model is.
         """
         bounded = [r.place for r in self.records if any(reading.has_bounds for reading in r.readings.values())]
+        moving = [r.place for r in self.records if r.start == "free"]
+
+        def is_in(one: Unknown, places: Sequence[int]) -> bool:
+            return any(one.belongs_to(place) for place in places)
+
         kinds = [
-            not any(one.belongs_to(place) for place in bounded)
-            and (one.is_of_sensor or (self.responder.is_linear and (one.is_start or is_proportional(one.base))))
+            not is_in(one, bounded)
+            and (
+                one.is_of_sensor
+                or (
+                    self.responder.is_linear
+                    and (one.is_start or (is_proportional(one.base) and not is_in(one, moving)))
+                )
+            )
             for one in self.unknowns
         ]
         return np.asarray(np.array(kinds, dtype=bool) & ~np.isfinite(self.upper - self.lower))
