@@ -33,6 +33,10 @@ _LOOSE: Final = 0.01  # curvature in these units below which an entry is hardly 
 _NEAR: Final = 1.0  # of the error of an entry: a search that ends farther from the lowest point is not near it
 _SETTLED: Final = 1e-7  # of the error of an entry: a shorter step is rounding
 _MOST_STEPS: Final = 8  # each leaves a hundredth of the way
+_NO_NEARER: Final = 0.5  # of the step before: one that is no shorter is rounding
+_BENT: Final = 2  # steps after which the curvature is that of the lowest point (convention)
+NEARLY: Final = 1
+"""Steps where the deviance alone counts: one leaves it a ten-thousandth above the lowest."""
 _IMPOSSIBLE: Final = 1e9  # height of a shape under which the readings cannot be
 
 
@@ -66,7 +70,9 @@ class Found:
         return self.likelihood.criterion
 
 
-def refine(columns: Columns, others: FloatArray, terms: Terms, starts: Iterable[FloatArray]) -> Found:
+def refine(
+    columns: Columns, others: FloatArray, terms: Terms, starts: Iterable[FloatArray], steps: int = _MOST_STEPS
+) -> Found:
     """The most likely shape of given terms, from the best of some starts.
 
     Parameters
@@ -76,9 +82,11 @@ def refine(columns: Columns, others: FloatArray, terms: Terms, starts: Iterable[
         What all other readings add to the normal equations.
     terms : Terms
     starts : iterable of float array, shape (terms.shapes,)
+    steps : int
+        Of Newton's at most, from where the search ends to the lowest point itself.
     """
     beside = Others(others)
-    return _to_the_end(columns, beside, _refine(columns, beside, terms, starts))
+    return _to_the_end(columns, beside, _refine(columns, beside, terms, starts), steps)
 
 
 def _refine(columns: Columns, others: Others, terms: Terms, starts: Iterable[FloatArray]) -> Found:
@@ -90,12 +98,12 @@ def _refine(columns: Columns, others: Others, terms: Terms, starts: Iterable[Flo
     return Found(terms, entries, likelihood(columns, others, terms, entries, first.variance))
 
 
-def _to_the_end(columns: Columns, others: Others, found: Found) -> Found:
+def _to_the_end(columns: Columns, others: Others, found: Found, steps: int = _MOST_STEPS) -> Found:
     """The lowest point itself: where near it a search has stopped depends on the last bits of the arithmetic."""
     if not len(found.entries) or not math.isfinite(found.likelihood.deviance):
         return found
     height = _heights(columns, others, found.terms, found.likelihood)
-    entries = settled(height, found.entries, found.terms.bounds, math.sqrt(columns.count))
+    entries = settled(height, found.entries, found.terms.bounds, math.sqrt(columns.count), steps)
     own = likelihood(columns, others, found.terms, entries, found.likelihood.variance)
     return Found(found.terms, entries, own)
 
@@ -128,7 +136,11 @@ def _descend(
 
 
 def settled(
-    height: Callable[[FloatArray], float], start: FloatArray, bounds: list[tuple[float, float]], sharp: float
+    height: Callable[[FloatArray], float],
+    start: FloatArray,
+    bounds: list[tuple[float, float]],
+    sharp: float,
+    steps: int = _MOST_STEPS,
 ) -> FloatArray:
     """The lowest point, from one near it, by Newton's steps on parabolas through heights around.
 
@@ -142,6 +154,8 @@ def settled(
     bounds : list of (float, float)
     sharp : float
         One over the error of an entry.
+    steps : int
+        At most.
 
     Examples
     --------
@@ -153,34 +167,48 @@ def settled(
     low, high = (np.array(side) * sharp for side in zip(*bounds, strict=True))
     point = start * sharp
     free = np.flatnonzero((point > low) & (point < high))
-    for _ in range(_MOST_STEPS):
-        slope, curvature = _parabola(lambda moved: height(moved / sharp), point, free)
-        values, vectors = np.linalg.eigh(curvature)
-        felt = values > _LOOSE
+    before = math.inf
+    for number in range(steps):
+        around = _Around(lambda moved: height(moved / sharp), point, free)
+        slope = around.slope
+        if number < _BENT:
+            values, vectors = np.linalg.eigh(around.curvature)
+            felt = values > _LOOSE
         step = np.zeros(len(point))
         step[free] = -vectors[:, felt] @ ((vectors[:, felt].T @ slope) / values[felt])
         length = float(np.linalg.norm(step))
         if not length < _NEAR or ((point + step < low) | (point + step > high)).any():
             return start
         point = point + step
-        if length < _SETTLED:
+        if length < _SETTLED or length > _NO_NEARER * before:
             break
+        before = length
     return np.asarray(point / sharp)
 
 
-def _parabola(
-    height: Callable[[FloatArray], float], point: FloatArray, free: npt.NDArray[np.intp]
-) -> tuple[FloatArray, FloatArray]:
+class _Around:
     """Slopes and curvatures by some entries, from heights around a point."""
-    middle = height(point)
-    moves = _WIDE * np.eye(len(point))[free]
-    above = np.array([height(point + move) for move in moves])
-    below = np.array([height(point - move) for move in moves])
-    curvature = np.diag((above - 2.0 * middle + below) / _WIDE**2)
-    for i, j in itertools.combinations(range(len(free)), 2):
-        both = height(point + moves[i] + moves[j]) - above[i] - above[j] + middle
-        curvature[i, j] = curvature[j, i] = both / _WIDE**2
-    return (above - below) / (2.0 * _WIDE), curvature
+
+    def __init__(self, height: Callable[[FloatArray], float], point: FloatArray, free: npt.NDArray[np.intp]) -> None:
+        self._height, self._point = height, point
+        self._moves = _WIDE * np.eye(len(point))[free]
+        self._above = np.array([height(point + move) for move in self._moves])
+        self._below = np.array([height(point - move) for move in self._moves])
+
+    @property
+    def slope(self) -> FloatArray:
+        """By each entry."""
+        return np.asarray((self._above - self._below) / (2.0 * _WIDE))
+
+    @property
+    def curvature(self) -> FloatArray:
+        """By each two of them."""
+        middle, moves, above = self._height(self._point), self._moves, self._above
+        found = np.diag((above - 2.0 * middle + self._below) / _WIDE**2)
+        for i, j in itertools.combinations(range(len(moves)), 2):
+            both = self._height(self._point + moves[i] + moves[j]) - above[i] - above[j] + middle
+            found[i, j] = found[j, i] = both / _WIDE**2
+        return found
 
 
 def rough_noise(columns: Columns, others: FloatArray, allowed: Allowed) -> Found:

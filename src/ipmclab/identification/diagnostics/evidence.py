@@ -87,7 +87,7 @@ class Evidence:
         """
         kept = [*range(self.first), *(self.first + place for place in chosen), self.first + self.count]
         system = self.system.among(kept)
-        found = refine_noise(system, shapes)
+        found = refine_noise(system, shapes, nearly=True)
         total, logarithms = system.rest.copy(), 0.0
         for key, shape in found.items():
             products, logarithm = system.columns[key].products(shape.terms, shape.entries)

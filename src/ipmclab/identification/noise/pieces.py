@@ -18,7 +18,7 @@ from ipmclab.identification.problem.unknowns import Unknown
 from ipmclab.identification.search.tangent import rank_threshold
 from ipmclab.run import FloatArray
 from ipmclab.statespace.columns import CONSTANTS, Columns, constants, steps_between, without
-from ipmclab.statespace.search import Allowed, choose_terms, refine, rough_noise
+from ipmclab.statespace.search import NEARLY, Allowed, choose_terms, refine, rough_noise
 from ipmclab.statespace.shape import Shape
 from ipmclab.statespace.whitening import Whitening
 
@@ -171,12 +171,14 @@ def with_constants(system: System, chosen: Mapping[Key, Shape], drifting: Collec
     return shapes
 
 
-def refine_noise(system: System, shapes: Mapping[Key, Shape]) -> dict[Key, Shape]:
+def refine_noise(system: System, shapes: Mapping[Key, Shape], *, nearly: bool = False) -> dict[Key, Shape]:
     """The values that make the readings most likely, the terms being chosen.
 
     What leaves most comes first, in whatever order the runs were given: where runs disagree, the first takes up more.
+    ``nearly`` is enough where the likelihood alone counts.
     """
     found = dict(shapes)
+    steps = {"steps": NEARLY} if nearly else {}
     parts = {key: system.part(key, shape) for key, shape in shapes.items()}
     # In SI units: over their own scatter all leave the same, and rounding would decide.
     powers = {
@@ -185,7 +187,8 @@ def refine_noise(system: System, shapes: Mapping[Key, Shape]) -> dict[Key, Shape
     sequence = sorted(shapes, key=powers.__getitem__, reverse=True)
     for _ in range(2 if len(shapes) > 1 else 1):
         for key in sequence:
-            best = refine(system.columns[key], system.others(parts, key), found[key].terms, [found[key].entries])
+            own, others = system.columns[key], system.others(parts, key)
+            best = refine(own, others, found[key].terms, [found[key].entries], **steps)
             found[key] = Shape(best.terms, best.entries, best.likelihood.variance)
             parts[key] = best.likelihood.products
     return found
