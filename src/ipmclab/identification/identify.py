@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence, Set
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from os import PathLike
 
 from ipmclab.consistency.of_fit import with_cross_checks
-from ipmclab.errors import InputError
 from ipmclab.fit.fit import Fit
 from ipmclab.fit.fit_table import changed, with_findings
 from ipmclab.fit.output_diagnosis import OutputDiagnosis
+from ipmclab.identification.asked import (
+    for_series_alone,
+    given_labels,
+    given_runs,
+    need_mountings,
+    need_readings,
+    outputs_of_fit,
+    refuse_counts,
+)
 from ipmclab.identification.build import build_fit
 from ipmclab.identification.diagnostics.beyond import beyond_findings
 from ipmclab.identification.diagnostics.diagnose import diagnose
@@ -27,19 +34,15 @@ from ipmclab.identification.problem.free import FreeParameters, Prior, parse_fre
 from ipmclab.identification.problem.order import Order
 from ipmclab.identification.problem.priors import prior_findings, with_priors
 from ipmclab.identification.problem.record import (
-    READ_OUTPUTS,
-    PreparedRun,
     disambiguated,
-    label_of,
     places_of_mountings,
     prepare,
 )
 from ipmclab.identification.search.doubts import motion_of_another_coupling
 from ipmclab.identification.solved import Estimate
 from ipmclab.model import Actuator
-from ipmclab.model.declared import electrical, outputs_of, stage_outputs
-from ipmclab.model.given import need_actuator, need_each_once, need_run
-from ipmclab.model.stages.circuit import SERIES
+from ipmclab.model.declared import electrical
+from ipmclab.model.given import need_actuator, need_each_once
 from ipmclab.model.stages.leak import SLOW_TIME
 from ipmclab.one_thread import on_one_thread
 from ipmclab.progress import OnProgress, first_answer, part, reporting_to, stage, unreported
@@ -113,11 +116,11 @@ def identify(
     43.420408
     """
     need_actuator(actuator)
-    given = _runs(runs)
-    named = _labels(labels, len(given))
+    given = given_runs(runs)
+    named = given_labels(labels, len(given))
     names = parse_free(actuator.parameter_values, free, per_run, per_mounting)
-    _need_mountings(given, names)
-    _refuse_counts(actuator, names)
+    need_mountings(given, names)
+    refuse_counts(actuator, names)
     with reporting_to(progress):
         return identify_freed(actuator, given, with_priors(actuator, names, prior), named)
 
@@ -194,7 +197,7 @@ def _identify(
     ]
     records = with_states(actuator, given, records, names.age)
     need_each_once(given, [record.label for record in records])
-    _need_readings(names, given, records, silent)
+    need_readings(names, given, records, silent)
     lost = [{output for output, one in record.readings.items() if not one.used.any()} for record in records]
     records = [record.without(gone) for record, gone in zip(records, lost, strict=True)]
     left_out = [
@@ -204,7 +207,7 @@ def _identify(
         if which
     ]
     result = estimate(actuator, names, records)
-    foreign = motion_of_another_coupling(result.problem, result.correlated.left, _for_series_alone(names))
+    foreign = motion_of_another_coupling(result.problem, result.correlated.left, for_series_alone(names))
     if foreign:
         records = [record.without([finding.channel for finding in foreign if finding.channel]) for record in records]
         left_out += foreign
@@ -280,133 +283,9 @@ def _what_it_lacks(
         return (), (NO_STAGES,)
 
 
-def _refuse_counts(actuator: Actuator, names: FreeParameters) -> None:
-    for name, moved in names.moved.items():
-        if actuator.structure.declarations[moved].transform == "count":
-            raise InputError(
-                f"{name!r} is a count, which a fit does not move",
-                code="count-not-fitted",
-                where="free",
-                repair="compare actuators with different counts: ipmclab choose",
-            )
-
-
-def _need_mountings(runs: Sequence[Run], names: FreeParameters) -> None:
-    """Refuse a parameter of each mounting where a run does not say of which it is."""
-    for place, run in enumerate(runs):
-        if names.per_mounting and not run.metadata.mounting_id:
-            raise InputError(
-                f"each mounting is to have its own {names.per_mounting[0]}, and this run does not say of which it is",
-                code="no-mounting",
-                where=label_of(run, place),
-                repair="give the run a mounting_id, or name the parameter in per_run",
-            )
-
-
-def _runs(runs: Sequence[Run] | Run) -> list[Run]:
-    given = [runs] if isinstance(runs, (Run, str, PathLike)) else list(runs)
-    if not given:
-        raise InputError("no runs were given", code="no-runs", where="runs", repair="give at least one run")
-    for place, run in enumerate(given):
-        need_run(run, where=f"runs[{place}]")
-    return given
-
-
-def _labels(labels: Sequence[str] | None, runs: int) -> list[str] | None:
-    if labels is None:
-        return None
-    given = [labels] if isinstance(labels, str) else list(labels)
-    if len(given) != runs:
-        raise InputError(
-            f"{len(given)} label(s) for {runs} run(s)",
-            code="bad-labels",
-            where="labels",
-            repair=f"give {runs}, one for each run in the order of the runs, or none",
-        )
-    for place, label in enumerate(given):
-        if not isinstance(label, str):
-            raise InputError(
-                f"a label is a text, not a {type(label).__name__}",
-                code="bad-labels",
-                where=f"labels[{place}]",
-                repair="give each run a short name, or leave labels out",
-            )
-    return given
-
-
 def _growing_leak(actuator: Actuator, result: Estimate) -> GrowingLeak:
     """Whether the model has a leak that grows, and the readings show it."""
     if not actuator.structure.slow_leak:
         return "none"
     unseen = {unknown.base for one in result.unseen for unknown in one.unknowns}
     return "hidden" if SLOW_TIME in unseen else "shown"
-
-
-def outputs_of_fit(names: FreeParameters) -> tuple[str, ...]:
-    """The channels that the free parameters need.
-
-    Force and displacement also depend on the circuit, through the drop over its series resistance; but
-    while the coupling is fixed, perhaps at values of another strip, they would spoil what the current knows
-    better. They are asked where current alone is known not to be enough.
-    """
-    chosen = {name.split(".")[2] for name in names.observation}
-    for name in names.moved.values():
-        chosen |= set(READ_OUTPUTS if name in SERIES else stage_outputs(name))
-    return tuple(output for output in READ_OUTPUTS if output in chosen)
-
-
-def _for_series_alone(names: FreeParameters) -> set[str]:
-    """Channels of motion that are read only because a series resistance is free."""
-    others = [stage_outputs(name) for name in names.moved.values() if name not in SERIES]
-    asked = {output for outputs in others for output in outputs} | {name.split(".")[2] for name in names.observation}
-    return {"displacement", "force"} - asked
-
-
-def _need_readings(
-    names: FreeParameters, given: Sequence[Run], records: Sequence[PreparedRun], silent: Sequence[Set[str]]
-) -> None:
-    """Refuse a free parameter that no run can show."""
-    for name, moved in names.moved.items():
-        channels = outputs_of(moved)
-        wanting = [record for record in records if not _shows(record, channels)]
-        if name in names.per_mounting:
-            shown = {record.run.metadata.mounting_id for record in records if record not in wanting}
-            wanting = [record for record in wanting if record.run.metadata.mounting_id not in shown]
-        own = name in (*names.per_run, *names.per_mounting)
-        if channels and ((own and wanting) or (not own and len(wanting) == len(records))):
-            noisy = sorted({output for record in wanting for output in silent[record.place] & set(channels)})
-            because = f": the {' and '.join(noisy)} held nothing but noise" if noisy else ""
-            raise InputError(
-                f"{name} is free, and there is no usable {' or '.join(channels)}{because}",
-                code="no-readings",
-                where=wanting[0].label if own or len(records) == 1 else "runs",
-                repair="add runs that have it, or fix the parameter",
-            )
-    for run, record in zip(given, records, strict=True):
-        if run.voltage.any() and not record.run.voltage.any():
-            raise InputError(
-                "no current flows after the voltage has stepped, to the end of the run: the strip had no contact",
-                code="no-contact",
-                where=record.label,
-                repair="clean or tighten the clamp and record the run again, or leave it out",
-            )
-        if not record.run.voltage.any():
-            raise InputError(
-                "the voltage is zero throughout: nothing answers to it",
-                code="no-excitation",
-                where=record.label,
-                repair="leave the run out, or give the voltage that was applied",
-            )
-        if not any(reading.exact.any() for reading in record.readings.values()):
-            noisy = sorted(silent[record.place])
-            because = f": its {' and '.join(noisy)} held nothing but noise" if noisy else ""
-            raise InputError(
-                f"this run has no usable reading of what the free parameters need{because}",
-                code="no-readings",
-                where=record.label,
-                repair="see what check says of it, and leave the run out",
-            )
-
-
-def _shows(record: PreparedRun, channels: Sequence[str]) -> bool:
-    return any(record.readings[channel].exact.any() for channel in channels if channel in record.readings)

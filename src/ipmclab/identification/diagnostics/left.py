@@ -12,8 +12,8 @@ import numpy as np
 from ipmclab.confidence import REJECT
 from ipmclab.identification.diagnostics.columns import of_voltage
 from ipmclab.identification.diagnostics.evidence import Evidence
-from ipmclab.identification.noise.correlate import FLOOR
 from ipmclab.identification.noise.pieces import Key, Piece, System, choose_noise, with_constants
+from ipmclab.identification.noise.searched_outputs import FLOOR
 from ipmclab.identification.problem.evaluation import Evaluation
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.solved import Estimate

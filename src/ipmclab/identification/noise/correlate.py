@@ -13,7 +13,6 @@ import math
 from collections.abc import Callable, Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Final
 
 import numpy as np
 
@@ -25,10 +24,10 @@ from ipmclab.identification.noise.pieces import (
     Piece,
     System,
     choose_noise,
-    imitated,
     refine_noise,
     with_constants,
 )
+from ipmclab.identification.noise.searched_outputs import searched_outputs
 from ipmclab.identification.noise.whitening import CorrelatedProblem
 from ipmclab.identification.noise.zeros import DriftingProblem, Projection, Zero
 from ipmclab.identification.problem.evaluation import Evaluation
@@ -36,15 +35,10 @@ from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.problem.unknowns import Unknown
 from ipmclab.identification.search.solve import Solution
 from ipmclab.run import FloatArray
-from ipmclab.statespace.columns import CONSTANTS, constants
 from ipmclab.statespace.noise_model import NoiseModel
-from ipmclab.statespace.screen import needs_search
 from ipmclab.statespace.shape import Shape, drawn, spread_by
 from ipmclab.statespace.terms import Terms
 from ipmclab.statespace.whitening import Whitening
-
-FLOOR: Final = 1.01
-"""Times the rounding of the model: below it residuals are no noise, and never white."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -293,7 +287,7 @@ def with_noise(problem: Problem, solution: Solution, yielding: Sequence[int], ag
         Least squares once more, where sensors turn out to have zeros or slopes.
     """
     plain = solution.evaluation
-    every, coloured = _pieces(problem, plain)
+    every, coloured = searched_outputs(problem, plain)
     pieces = {piece.key: piece for piece in every}
     if not every or not problem.unknowns:
         return Correlated(problem, solution, plain, pieces=pieces)
@@ -366,39 +360,3 @@ def _without(problem: Problem, solution: Solution, yielding: Sequence[int], keys
 
 def _belongs(unknown: Unknown, keys: Set[Key]) -> bool:
     return (unknown.place, unknown.base.rsplit(".", 1)[1]) in keys
-
-
-def _pieces(problem: Problem, here: Evaluation) -> tuple[list[Piece], set[str]]:
-    """Every output of every run whose residuals could be noise, and the outputs of which some run's are not white."""
-    found = []
-    coloured: set[str] = set()
-    basis: FloatArray | None = None
-    for record in problem.records:
-        for output in record.readings:
-            key = record.place, output
-            if problem.noise[key] <= FLOOR * problem.floors[key]:
-                continue
-            piece = problem.pieces[key]
-            inside = record.readings[output].exact_of_used
-            residual = here.residual[piece] if inside.all() else here.residual[piece][inside]
-            if len(residual) < 2 * CONSTANTS:
-                continue
-            if basis is None:
-                basis = imitated(here)
-            explained = _explained(basis[piece][inside], record.times_of(output), residual)
-            found.append(Piece.of(record, output, problem.unknowns))
-            if needs_search(residual, explained):
-                coloured.add(output)
-    return found, coloured
-
-
-def _explained(basis: FloatArray, time: FloatArray, residual: FloatArray) -> float:
-    """By how much an offset and a trend would lower the squares of a white fit, a chi-square with two degrees."""
-    held = constants(time)
-    across = basis.T @ held
-    inner = held.T @ held - across.T @ across
-    # The residual of the whole fit stands square to the basis; that of one piece nearly so.
-    right = held.T @ residual
-    values, vectors = np.linalg.eigh(inner)
-    determined = values > 1e-6 * len(time)
-    return float(np.sum((vectors[:, determined].T @ right) ** 2 / values[determined]))

@@ -11,8 +11,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.confidence import REJECT
-from ipmclab.identification.noise.correlate import FLOOR, Correlated
+from ipmclab.identification.noise.correlate import Correlated
 from ipmclab.identification.noise.growing import Growth, growth
+from ipmclab.identification.noise.searched_outputs import FLOOR
 from ipmclab.identification.noise.weighted_covariance import covariance_of_weighted, degrees_of_freedom
 from ipmclab.identification.problem.evaluation import Evaluation
 from ipmclab.identification.search.tangent import rank_threshold
