@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from ipmclab import Run, identify, load_actuator, simulate
-from ipmclab.progress import aside, part, reporting_to, stage, tick
+from ipmclab.progress import aside, part, reporting_to, stage, tick, unreported
 
 
 class Stopped(Exception):
@@ -116,6 +116,34 @@ def test_what_is_raised_aside_reaches_the_caller_where_no_tick_follows() -> None
 
     with pytest.raises(Ended):
         work()
+
+
+def test_an_interrupt_aside_is_raised_by_the_next_tick_and_where_none_follows_by_nobody() -> None:
+    """As who keeps a fit while a kernel is compiled: there nothing can be kept."""
+
+    def tell(sentence: str, _: float) -> None:
+        if sentence == "compiling":
+            raise KeyboardInterrupt
+
+    with reporting_to(tell):
+        stage("searching", 0.0, 1.0)
+        aside("compiling")
+        with pytest.raises(KeyboardInterrupt):
+            tick()
+        tick()
+        with unreported():
+            aside("compiling")
+            tick()
+            stage("keeping what was found", 0.5, 1.0)
+
+
+def test_what_is_waited_for_is_said_also_where_nothing_else_is() -> None:
+    told: list[str] = []
+    with reporting_to(lambda sentence, _: told.append(sentence)), unreported():
+        stage("keeping what was found", 0.5, 1.0)
+        tick()
+        aside("compiling")
+    assert told == ["compiling"]
 
 
 PROGRAM = """

@@ -28,6 +28,7 @@ class _Teller:
         self._aside = ""
         self._ended: BaseException | None = None
         self._owed = False
+        self._interrupted = False
 
     def stage(self, sentence: str, begin: float, end: float, usual: int) -> None:
         self._sentence, self._begin, self._end = sentence, begin, end
@@ -36,7 +37,7 @@ class _Teller:
 
     def tick(self) -> None:
         self._ticks += 1
-        if self._ended is not None or time.monotonic() - self._told >= _PERIOD:
+        if self._ended is not None or self._interrupted or time.monotonic() - self._told >= _PERIOD:
             self._say()
 
     def aside(self, sentence: str) -> None:
@@ -46,7 +47,7 @@ class _Teller:
         try:
             self._tell(sentence, self._fraction)
         except KeyboardInterrupt:
-            raise
+            self._interrupted = True
         except BaseException as error:
             # Raised by the next tick, or at the end: who says something aside can be ended nowhere.
             self._ended, self._owed = error, True
@@ -60,16 +61,35 @@ class _Teller:
         if self._ended is not None:  # what was ended stays ended, whoever caught it on its way
             self._owed = False
             raise self._ended
+        if self._interrupted:
+            self._interrupted = False
+            raise KeyboardInterrupt
         done = -math.expm1(-self._ticks / self._usual)
         self._fraction = max(self._fraction, self._begin + done * (self._end - self._begin))
         self._told, self._aside = time.monotonic(), ""
         try:
             self._tell(self._sentence, self._fraction)
         except KeyboardInterrupt:
-            raise  # of the terminal, not of who gets the reports: a work may keep what it has
+            raise  # a work may keep what it has
         except BaseException as error:
             self._ended = error
             raise
+
+
+class _OnlyAside(_Teller):
+    """Says what the work waits for, and nothing else: who hears that can end nothing."""
+
+    def __init__(self, of: _Teller) -> None:
+        self._of = of
+
+    def stage(self, sentence: str, begin: float, end: float, usual: int) -> None:
+        pass
+
+    def tick(self) -> None:
+        pass
+
+    def aside(self, sentence: str) -> None:
+        self._of.aside(sentence)
 
 
 _teller: ContextVar[_Teller | None] = ContextVar("teller", default=None)
@@ -84,7 +104,7 @@ def reporting_to(on_progress: OnProgress | None) -> Iterator[None]:
     ----------
     on_progress : function of (str, float), optional
         Called with a sentence and the fraction that is done, which only grows, at most ten times a second. Whatever
-        it raises ends the work and reaches the caller.
+        it raises ends the work and reaches the caller; a ``KeyboardInterrupt`` a work may heed by keeping what stands.
 
     Examples
     --------
@@ -107,7 +127,7 @@ def reporting_to(on_progress: OnProgress | None) -> Iterator[None]:
 
 @contextmanager
 def unreported() -> Iterator[None]:
-    """What is done within is reported to nobody, so that who gets the reports cannot end it: it keeps what stands.
+    """What is done within is not reported, but for what it waits for, so that who gets the reports cannot end it.
 
     Examples
     --------
@@ -117,7 +137,8 @@ def unreported() -> Iterator[None]:
     ...         stage("keeping what was found", 0.5, 1.0)
     searching 0.0
     """
-    token = _teller.set(None)
+    teller = _teller.get()
+    token = _teller.set(None if teller is None else _OnlyAside(teller))
     try:
         yield
     finally:

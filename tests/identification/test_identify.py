@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,8 +11,9 @@ import pytest
 
 from ipmclab import Fit, InputError, Run, RunMetadata, identify, load_actuator, simulate
 from ipmclab.fit.first_answer import first_answer
+from ipmclab.identification import identify as identify_module
 from ipmclab.model import Actuator, simulate_outputs
-from ipmclab.progress import first_answer_to
+from ipmclab.progress import aside, first_answer_to, tick
 from tests.identification.brief import brief
 from tests.independent.bounds import ELECTRICAL, noisy_current, relative_errors, step_and_sine, strip_of
 
@@ -482,6 +484,27 @@ def test_who_interrupts_the_intervals_keeps_the_fit() -> None:
         assert fit.parameters[name].value == one.value
     bent = [name for name, one in whole.parameters.items() if fit.parameters[name].interval != one.interval]
     assert bent
+
+
+def test_who_keeps_a_fit_does_so_whatever_is_compiled_for_its_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its cross-checks simulate: on a machine where that was never compiled a report came in the midst of them."""
+    completed = identify_module.with_cross_checks
+    reports: list[str] = []
+
+    def compiling(fit: Fit, runs: Sequence[Run]) -> Fit:
+        aside("compiling the model")
+        tick()
+        return completed(fit, runs)
+
+    def keep(sentence: str, _: float) -> None:
+        reports.append(sentence)
+        if "asking what the model lacks" in reports:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(identify_module, "with_cross_checks", compiling)
+    fit = identify(FRIEND, record(rate=20.0, duration=5.0), progress=keep)
+    assert "stages-not-tried" in {one.code for one in fit.findings}
+    assert reports[-1] == "compiling the model"
 
 
 def test_a_sensor_that_drifts_is_no_model_that_explains_nothing() -> None:

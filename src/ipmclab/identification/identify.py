@@ -8,6 +8,7 @@ from dataclasses import replace
 from ipmclab.consistency.of_fit import with_cross_checks
 from ipmclab.fit.fit import Fit
 from ipmclab.fit.fit_table import changed, with_findings
+from ipmclab.fit.mountings import Mounting
 from ipmclab.fit.output_diagnosis import OutputDiagnosis
 from ipmclab.identification.asked import (
     for_series_alone,
@@ -94,7 +95,7 @@ def identify(
         A short name for each run, for messages and tables; else its source file, its signal or its place.
     progress : function of (str, float), optional
         Called with a sentence and the fraction that is done, at most ten times a second. Whatever it raises ends the
-        fit and reaches the caller.
+        fit and reaches the caller; a ``KeyboardInterrupt`` keeps what stands once the parameters are found.
 
     Returns
     -------
@@ -153,13 +154,19 @@ def identify_freed(
 
     every = range(len(given))
     if len(places_of_mountings(enumerate(given))) < 2:
-        return with_cross_checks(of_these(every, asked=True, kept=True), given)
+        return _completed(of_these(every, asked=True, kept=True), given)
     with part("each mounting", 0.0, 0.5):
         each = each_mounting(given, of_these)
     with part("all mountings", 0.5, 1.0):
         # Where mountings differ, what one value for all leaves needs no stage.
         fit = of_these(every, asked=not differ(each, actuator), kept=True)
-    return with_cross_checks(with_mountings(fit, each) if each else fit, given)
+    return _completed(fit, given, each)
+
+
+def _completed(fit: Fit, given: Sequence[Run], each: Sequence[Mounting] = ()) -> Fit:
+    """With what needs the whole fit: who ends it now keeps it."""
+    with unreported():
+        return with_cross_checks(with_mountings(fit, each) if each else fit, given)
 
 
 def _identify(
@@ -215,12 +222,9 @@ def _identify(
     if kept:
         first_answer(lambda: build_fit(actuator, given, result, (), followed=False))
     diagnoses, lacking = _what_it_lacks(actuator, names, result) if diagnosed else ((), ())
-    findings = (
-        *findings_of_records(records, found, _growing_leak(actuator, result)),
-        *left_out,
-        *result.findings,
-        *lacking,
-    )
+    with unreported():
+        of_records = findings_of_records(records, found, _growing_leak(actuator, result))
+    findings = (*of_records, *left_out, *result.findings, *lacking)
     try:
         stage("errors and intervals", 0.8, 1.0)
         fit = build_fit(actuator, given, result, findings, diagnoses, followed=followed)

@@ -109,12 +109,12 @@ def is_curved(name: str) -> bool:
 
 
 def is_proportional(name: str) -> bool:
-    """Whether outputs are linear in a parameter, whatever all others are."""
+    """Whether outputs of a run from rest are linear in a parameter and all others of its kind, whatever the rest is."""
     return largest_proportional(name) is not None
 
 
 def largest_proportional(name: str) -> float | None:
-    """How large a parameter is at most that outputs are linear in, whatever all others are; None for any other.
+    """How large a parameter is at most that outputs of a run from rest are linear in; None for any other.
 
     Examples
     --------

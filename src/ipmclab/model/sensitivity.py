@@ -201,7 +201,7 @@ class Kept:
         def laid(later: float) -> Timeline:
             return timeline(times, volts, hold, delay=later, from_rest=from_rest, period=period)
 
-        if delay == 0.0 or hold == "first":
+        if delay == 0.0 or hold == "first" or not math.isfinite(delay):
             return laid(delay)
         middle = (math.floor(delay / period) + 0.5) * period
         key = id(time), id(voltage), hold, middle, from_rest

@@ -160,7 +160,7 @@ def proposal_of(questions: Questions, goal: GoalName, taken: Sequence[Offer]) ->
             for one, now, then in zip(rivals, first.evidence, after.evidence, strict=True)
         },
         shows={
-            one.name: one.rank_threshold(math.sqrt(then))
+            one.name: one.least_shown(math.sqrt(then))
             for one, then in zip(rivals, after.evidence, strict=True)
             if one.direction is not None
         },

@@ -34,7 +34,7 @@ class Rival:
     actuator: Actuator
     direction: ScoreDirection | None = field(default=None)
 
-    def rank_threshold(self, errors: float) -> Mapping[str, tuple[float, str]]:
+    def least_shown(self, errors: float) -> Mapping[str, tuple[float, str]]:
         """The least of its stage that would show, where as much as it has differs by so many standard errors.
 
         Values in SI units, with the unit.

@@ -188,7 +188,7 @@ class ClampedRows:
         wanted = self._source.voltages(first_row, count, rate)
         if np.isnan(wanted).any():
             wanted = np.nan_to_num(wanted, nan=0.0)
-        return wanted.clip(self.low, self.high)
+        return np.asarray(wanted).clip(self.low, self.high)
 
     def look(self, first_row: int, readings: Mapping[str, FloatArray]) -> None:
         """Hand the readings on: see ``RowSource.look``."""

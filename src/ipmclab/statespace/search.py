@@ -33,7 +33,8 @@ _LOOSE: Final = 0.01  # curvature in these units below which an entry is hardly 
 _NEAR: Final = 1.0  # of the error of an entry: a search that ends farther from the lowest point is not near it
 _SETTLED: Final = 1e-7  # of the error of an entry: a shorter step is rounding
 _MOST_STEPS: Final = 8  # each leaves a hundredth of the way
-_NO_NEARER: Final = 0.5  # of the step before: one that is no shorter is rounding
+_NO_NEARER: Final = 0.5  # of the step before: Newton's steps near the lowest point are much shorter (convention)
+_ROUNDING: Final = 1e-3  # of the error of an entry: a step that is no shorter than the one before, but that short
 _BENT: Final = 2  # steps after which the curvature is that of the lowest point (convention)
 NEARLY: Final = 1
 """Steps where the deviance alone counts: one leaves it a ten-thousandth above the lowest."""
@@ -179,10 +180,11 @@ def settled(
         length = float(np.linalg.norm(step))
         if not length < _NEAR or ((point + step < low) | (point + step > high)).any():
             return start
-        point = point + step
-        if length < _SETTLED or length > _NO_NEARER * before:
+        if length > _NO_NEARER * before:
+            return start if length > _ROUNDING else np.asarray(point / sharp)
+        point, before = point + step, length
+        if length < _SETTLED:
             break
-        before = length
     return np.asarray(point / sharp)
 
 

@@ -89,8 +89,8 @@ def branch_valley(
     solution : Solution
     branches : int
     before : sequence of (int, float array of shape (n_unknown,))
-        The branch that was held at each place of the same valley where it was walked before, and the vector there.
-        Which branch it was does not matter: any of them may stand at a time constant.
+        The branch that was held at each place of the same valley where it was walked before, and the vector there: the
+        places are these again. Which branch it was does not matter, any of them may stand at a time constant.
     """
     weakest = _weakest(problem, solution, branches)
     if weakest is None:

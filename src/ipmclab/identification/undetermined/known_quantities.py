@@ -152,10 +152,10 @@ class _AtRecord:
         return [
             {
                 name: math.log(value) if derived(name).positive else value
-                for name, value in quantities_found.items()
+                for name, value in found.items()
                 if math.isfinite(value) and (value > 0.0 or not derived(name).positive)
             }
-            for quantities_found in each
+            for found in each
         ]
 
     def along(self, theta: FloatArray, entry: int) -> _Neighbours:
@@ -174,10 +174,10 @@ class _AtRecord:
 
     def slopes(self, neighbours: Sequence[_Neighbours]) -> list[dict[str, float]]:
         """Derivatives of the quantities; none of one that does not exist on both sides, or where these are one."""
-        quantities_found = self.quantities([point for one in neighbours for point in (one.below, one.above)])
+        found = self.quantities([point for one in neighbours for point in (one.below, one.above)])
         return [
             {name: (above[name] - value) / one.width for name, value in below.items() if name in above and one.width}
-            for one, below, above in zip(neighbours, quantities_found[::2], quantities_found[1::2], strict=True)
+            for one, below, above in zip(neighbours, found[::2], found[1::2], strict=True)
         ]
 
 

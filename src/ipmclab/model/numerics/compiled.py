@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Any, Final, TypeVar
 
 import numba
+from llvmlite.binding import get_host_cpu_name
 from numba.core import event
 from numba.core.compiler_lock import global_compiler_lock
 
@@ -51,7 +52,10 @@ _LONGEST_TURN: Final = 60.0
 """So long [s] another process is waited for: it may have been stopped as it compiled. All kernels take that long."""
 
 _BETWEEN_LOOKS: Final = 0.02
-"""Seconds between two looks whether it has ended."""
+"""Seconds between two looks whether it has ended (convention): a kernel takes a second or more."""
+
+_waited_in_vain: Final[list[Path]] = []
+"""Of whose turn this process has waited that long: it waits for no other then."""
 
 _PACKAGE = Path(__file__).resolve().parents[2]
 _TAKEN: Final = ("normal_equations.py", "model/blocks.py", "model/environment/path.py", "model/numerics/course.py")
@@ -146,8 +150,10 @@ def kernel(function: _Function) -> _Function:
             config.CACHE_DIR, config.CACHE_LOCATOR_CLASSES = str(cache_folder()), f"{__name__}.{ByModule.__name__}"
             compiled: _Function = njit(cache=True, **options)(function)
             # The code of one processor is none of another's.
-            name = f"{function.__name__}-{function.__code__.co_firstlineno}-{config.CPU_NAME or 'own'}.turn"
-            _in_turn(compiled, cache_folder() / function.__module__ / name)
+            processor = config.CPU_NAME or get_host_cpu_name()
+            name = f"{function.__name__}-{function.__code__.co_firstlineno}-{processor}.turn"
+            if hasattr(compiled, "compile"):  # not where Numba is told to compile nothing, as for a debugger
+                _in_turn(compiled, cache_folder() / function.__module__ / name)
         except RuntimeError:  # no home, or no folder that can be written to, as in a read-only container
             compiled = njit(**options)(function)
         finally:
@@ -174,14 +180,19 @@ def _in_turn(dispatcher: Any, file: Path) -> None:
 def _turn(file: Path) -> Iterator[None]:
     """The turn of this process, or where nothing can be locked, or another takes very long, no turn."""
     try:
-        stream = file.open("ab")
+        stream = None if _waited_in_vain else file.open("ab")
     except OSError:
+        stream = None
+    if stream is None:
         yield
         return
     with stream:
         end = time.monotonic() + _LONGEST_TURN
         with suppress(OSError):  # a file system without locks
-            while not lock_file(stream.fileno()) and time.monotonic() < end:
+            while not lock_file(stream.fileno()):
+                if time.monotonic() >= end:
+                    _waited_in_vain.append(file)  # nor for the next: kernels in it would be waited for one by one
+                    break
                 time.sleep(_BETWEEN_LOOKS)
         yield
 

@@ -130,8 +130,8 @@ class StageKind:
     off : tuple of str
         Its parameters that are zero where there is none of it: the actuator then equals one without the stage.
     proportional : mapping of str to float
-        Its parameters that outputs are linear in, whatever all others are, so that a search leaves them out; and how
-        large each is at most where it is one of a strip (infinite: any size).
+        Its parameters that outputs of a run from rest are linear in, all of them together and whatever the rest is, so
+        that a search leaves them out; and how large each is at most where it is one of a strip (infinite: any size).
     grows : mapping of str to float
         Powers with which parameters go with how much there is of it; 1 for those of ``off``.
     held : tuple of str

@@ -89,8 +89,10 @@ def _answer(request: dict[str, Any], inbox: _Inbox, out: BinaryIO) -> bytes:
             raise Cancelled
         answer: Frame = find_task(request["task"])(request["arguments"], progress)
         return pack({"id": this, "done": answer.document}, answer.arrays)
-    except (Cancelled, KeyboardInterrupt):
+    except Cancelled:
         return pack({"id": this, "cancelled": True})
+    except KeyboardInterrupt:
+        return pack({"id": this, "error": _NOT_KEPT} if this in inbox.kept else {"id": this, "cancelled": True})
     except IpmclabError as error:
         return pack({"id": this, "error": {**error.as_dict(), "exit_status": error.exit_status}})
     except Exception as error:
@@ -98,6 +100,15 @@ def _answer(request: dict[str, Any], inbox: _Inbox, out: BinaryIO) -> bytes:
 
         traceback.print_exc()
         return pack({"id": this, "error": fault(error)})
+
+
+_NOT_KEPT: Final = {
+    "code": "not-kept",
+    "message": "this fit could not be kept: it was ended where nothing of it stood",
+    "where": "fit",
+    "repair": "start it again, and keep it once its first answer is shown",
+    "exit_status": 2,
+}
 
 
 def fault(error: Exception) -> dict[str, Any]:

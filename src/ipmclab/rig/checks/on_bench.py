@@ -35,6 +35,7 @@ class WrongLoad(Exception):
 
 
 def series_resistance(rig: Rig) -> float:
+    """Of the dummy, the shunt and the source [ohm]."""
     return DUMMY_RESISTANCE + rig.shunt_resistance + rig.source_resistance
 
 
