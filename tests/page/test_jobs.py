@@ -166,7 +166,7 @@ def test_a_fit_can_be_cancelled_and_its_worker_goes_on(jobs: Jobs, runs: Path, t
 
 
 def test_a_job_that_is_kept_ends_with_what_it_has(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Its task is asked at a word of progress, as by Ctrl-C; one that has nothing by then is cancelled."""
+    """Its task is asked at a word of progress, as by Ctrl-C; of one that has nothing by then a sentence says so."""
     inbox, out = SimpleNamespace(taken_back=set(), kept=set()), io.BytesIO()
 
     def task(arguments: dict[str, object], progress: Progress) -> Frame:
@@ -182,14 +182,14 @@ def test_a_job_that_is_kept_ends_with_what_it_has(monkeypatch: pytest.MonkeyPatc
         pytest.fail("it goes on")
 
     monkeypatch.setattr("ipmclab.page.jobs.tasks.find_task", lambda _: task)
-    for has, last in ((True, {"id": 1, "done": {"kept": True}}), (False, {"id": 1, "cancelled": True})):
+    for has, last in ((True, {"id": 1, "done": {"kept": True}}), (False, {"id": 1, "error": worker._NOT_KEPT})):
         inbox.kept.clear()
         out.write(worker._answer({"id": 1, "task": "identify", "arguments": {"has": has}}, inbox, out))
         out.seek(0)
         told = [frame.document for frame in iter(lambda: read_frame(out), None)]
         assert told == [
             {"id": 1, "progress": "searching", "fraction": 0.5},
-            {"id": 1, "progress": "found", "fraction": None, "first": [{"name": "a"}]},
+            {"id": 1, "progress": "searching", "fraction": 0.5, "first": [{"name": "a"}]},
             last,
         ]
         out.seek(0)

@@ -68,20 +68,22 @@ def _answer(request: dict[str, Any], inbox: _Inbox, out: BinaryIO) -> bytes:
 
     this = request["id"]
     last = -_BETWEEN_REPORTS
+    latest: dict[str, Any] = {}
 
     def progress(
         sentence: str, fraction: float | None = None, *, first: Sequence[dict[str, Any]] | None = None
     ) -> None:
-        nonlocal last
+        nonlocal last, latest
         if this in inbox.taken_back:
             raise Cancelled
         if this in inbox.kept:
             raise KeyboardInterrupt
         now = time.monotonic()
+        if first is None:  # else it is as far as it last said
+            latest = {"progress": sentence, "fraction": fraction}
         if first is not None or now - last >= _BETWEEN_REPORTS:
             last = now
-            report = {"id": this, "progress": sentence, "fraction": fraction}
-            out.write(pack(report if first is None else {**report, "first": first}))
+            out.write(pack({"id": this, **latest} if first is None else {"id": this, **latest, "first": first}))
             out.flush()
 
     try:
