@@ -128,6 +128,9 @@ def test_an_output_that_is_stuck_is_told_and_the_guardian_stays_armed(chassis: S
         assert "switch" in outcome.error.repair or "take the strip off" in str(outcome.error)
         until(lambda: guardian.acted)
         assert guardian.acted == "the recorder was silent for 0.5 s"
+    # It would try for ten minutes, and reset the chassis of whichever test has the same port by then.
+    guardian._process.kill()
+    guardian._process.wait()
 
 
 def test_what_flows_beyond_the_range_ends_by_its_mean(chassis: StandIn) -> None:
