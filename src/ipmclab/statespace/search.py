@@ -32,10 +32,12 @@ _WIDE: Final = 0.05  # of the error of an entry: wide enough for rounding, near 
 _LOOSE: Final = 0.01  # curvature in these units below which an entry is hardly known: 1 or 2 where it is known
 _NEAR: Final = 1.0  # of the error of an entry: a search that ends farther from the lowest point is not near it
 _SETTLED: Final = 1e-7  # of the error of an entry: a shorter step is rounding
-_MOST_STEPS: Final = 8  # each leaves a hundredth of the way
 _NO_NEARER: Final = 0.5  # of the step before: Newton's steps near the lowest point are much shorter (convention)
 _ROUNDING: Final = 1e-3  # of the error of an entry: a step that is no shorter than the one before, but that short
 _BENT: Final = 2  # steps after which the curvature is that of the lowest point (convention)
+MOST_STEPS: Final = 8
+"""Newton's steps to the lowest point: each leaves a hundredth of the way."""
+
 NEARLY: Final = 1
 """Steps where the deviance alone counts: one leaves it a ten-thousandth above the lowest."""
 _IMPOSSIBLE: Final = 1e9  # height of a shape under which the readings cannot be
@@ -72,7 +74,7 @@ class Found:
 
 
 def refine(
-    columns: Columns, others: FloatArray, terms: Terms, starts: Iterable[FloatArray], steps: int = _MOST_STEPS
+    columns: Columns, others: FloatArray, terms: Terms, starts: Iterable[FloatArray], steps: int = MOST_STEPS
 ) -> Found:
     """The most likely shape of given terms, from the best of some starts.
 
@@ -99,7 +101,7 @@ def _refine(columns: Columns, others: Others, terms: Terms, starts: Iterable[Flo
     return Found(terms, entries, likelihood(columns, others, terms, entries, first.variance))
 
 
-def _to_the_end(columns: Columns, others: Others, found: Found, steps: int = _MOST_STEPS) -> Found:
+def _to_the_end(columns: Columns, others: Others, found: Found, steps: int = MOST_STEPS) -> Found:
     """The lowest point itself: where near it a search has stopped depends on the last bits of the arithmetic."""
     if not len(found.entries) or not math.isfinite(found.likelihood.deviance):
         return found
@@ -141,7 +143,7 @@ def settled(
     start: FloatArray,
     bounds: list[tuple[float, float]],
     sharp: float,
-    steps: int = _MOST_STEPS,
+    steps: int = MOST_STEPS,
 ) -> FloatArray:
     """The lowest point, from one near it, by Newton's steps on parabolas through heights around.
 

@@ -18,6 +18,7 @@ from ipmclab.identification.problem.problem import Problem
 from ipmclab.normal_equations import inverse
 from ipmclab.run import FloatArray
 from ipmclab.statespace.columns import without
+from ipmclab.statespace.search import NEARLY
 from ipmclab.statespace.shape import Shape
 
 
@@ -87,7 +88,7 @@ class Evidence:
         """
         kept = [*range(self.first), *(self.first + place for place in chosen), self.first + self.count]
         system = self.system.among(kept)
-        found = refine_noise(system, shapes, nearly=True)
+        found = refine_noise(system, shapes, NEARLY)
         total, logarithms = system.rest.copy(), 0.0
         for key, shape in found.items():
             products, logarithm = system.columns[key].products(shape.terms, shape.entries)

@@ -18,7 +18,7 @@ from ipmclab.identification.problem.unknowns import Unknown
 from ipmclab.identification.search.tangent import rank_threshold
 from ipmclab.run import FloatArray
 from ipmclab.statespace.columns import CONSTANTS, Columns, constants, steps_between, without
-from ipmclab.statespace.search import NEARLY, Allowed, choose_terms, refine, rough_noise
+from ipmclab.statespace.search import MOST_STEPS, Allowed, choose_terms, refine, rough_noise
 from ipmclab.statespace.shape import Shape
 from ipmclab.statespace.whitening import Whitening
 
@@ -171,14 +171,13 @@ def with_constants(system: System, chosen: Mapping[Key, Shape], drifting: Collec
     return shapes
 
 
-def refine_noise(system: System, shapes: Mapping[Key, Shape], *, nearly: bool = False) -> dict[Key, Shape]:
+def refine_noise(system: System, shapes: Mapping[Key, Shape], steps: int = MOST_STEPS) -> dict[Key, Shape]:
     """The values that make the readings most likely, the terms being chosen.
 
     What leaves most comes first, in whatever order the runs were given: where runs disagree, the first takes up more.
-    ``nearly`` is enough where the likelihood alone counts.
+    Where the likelihood alone counts, fewer ``steps`` of ``statespace.search.refine`` are enough.
     """
     found = dict(shapes)
-    steps = {"steps": NEARLY} if nearly else {}
     parts = {key: system.part(key, shape) for key, shape in shapes.items()}
     # In SI units: over their own scatter all leave the same, and rounding would decide.
     powers = {
@@ -188,7 +187,7 @@ def refine_noise(system: System, shapes: Mapping[Key, Shape], *, nearly: bool = 
     for _ in range(2 if len(shapes) > 1 else 1):
         for key in sequence:
             own, others = system.columns[key], system.others(parts, key)
-            best = refine(own, others, found[key].terms, [found[key].entries], **steps)
+            best = refine(own, others, found[key].terms, [found[key].entries], steps)
             found[key] = Shape(best.terms, best.entries, best.likelihood.variance)
             parts[key] = best.likelihood.products
     return found

@@ -121,21 +121,15 @@ class Problem:
         bounded = [r.place for r in self.records if any(reading.has_bounds for reading in r.readings.values())]
         moving = [r.place for r in self.records if r.start == "free"]
 
-        def is_in(one: Unknown, places: Sequence[int]) -> bool:
-            return any(one.belongs_to(place) for place in places)
+        def is_linear(one: Unknown) -> bool:
+            if any(one.belongs_to(place) for place in bounded):
+                return False
+            if one.is_of_sensor or not self.responder.is_linear:
+                return one.is_of_sensor
+            return one.is_start or (is_proportional(one.base) and not any(one.belongs_to(place) for place in moving))
 
-        kinds = [
-            not is_in(one, bounded)
-            and (
-                one.is_of_sensor
-                or (
-                    self.responder.is_linear
-                    and (one.is_start or (is_proportional(one.base) and not is_in(one, moving)))
-                )
-            )
-            for one in self.unknowns
-        ]
-        return np.asarray(np.array(kinds, dtype=bool) & ~np.isfinite(self.upper - self.lower))
+        kinds = np.array([is_linear(one) for one in self.unknowns], dtype=bool)
+        return np.asarray(kinds & ~np.isfinite(self.upper - self.lower))
 
     @cached_property
     def added(self) -> Mask:

@@ -136,8 +136,8 @@ class CircuitResponder:
             self._admittances[behind] = admittance(lumped(self.branches, values, record.series_resistance))
         if asked not in self._chains:
             self._chains[asked] = lumped_derivatives(self.branches, values, names)
-        seen, derivatives = self._admittances[behind]
-        return seen, derivatives @ self._chains[asked]
+        fractions, derivatives = self._admittances[behind]
+        return fractions, derivatives @ self._chains[asked]
 
     def _courses(self, record: PreparedRun, poles: FloatArray, delay: float) -> FloatArray:
         """The voltage as it is read, what each pole answers to it, and the slopes of that by the pole."""
@@ -173,35 +173,35 @@ class CircuitResponder:
         self, record: PreparedRun, values: Mapping[str, float], names: Sequence[str], delay: float, start: FloatArray
     ) -> Sensitivities:
         """Current and its derivatives."""
-        seen, derivatives = self._circuit(record, values, names)
-        courses, count = self._courses(record, seen.poles, delay), self.branches
-        current = seen.direct * courses[0] + seen.residues @ courses[1 : 1 + count]
+        fractions, derivatives = self._circuit(record, values, names)
+        courses, count = self._courses(record, fractions.poles, delay), self.branches
+        current = fractions.direct * courses[0] + fractions.residues @ courses[1 : 1 + count]
         by_names = derivatives.T.copy()
-        by_names[:, 1 + count :] *= seen.residues
+        by_names[:, 1 + count :] *= fractions.residues
         # A response shifts with its edges, dx/dd = -dx/dt, but not with the start of a record that was not at rest.
-        by_delay = np.concatenate([[-seen.residues.sum()], -seen.residues * seen.poles, np.zeros(count)])
+        by_delay = np.concatenate([[-fractions.residues.sum()], -fractions.residues * fractions.poles, np.zeros(count)])
         by_start = np.zeros((0, 1 + 2 * count))
         if record.start == "free":
             free = start if len(start) else np.zeros(count)
             since = record.run.time - record.run.time[0]
-            decay = np.exp(np.outer(seen.poles, since))
+            decay = np.exp(np.outer(fractions.poles, since))
             current += free @ decay
             courses = np.concatenate([courses, decay, since * decay])
             by_names = np.hstack([by_names, np.zeros((len(names), count)), derivatives[1 + count :].T * free])
-            by_delay = np.concatenate([by_delay, record.run.voltage[0] * seen.residues, np.zeros(count)])
+            by_delay = np.concatenate([by_delay, record.run.voltage[0] * fractions.residues, np.zeros(count)])
             by_start = np.eye(len(courses))[1 + 2 * count : 1 + 3 * count]
         return Sensitivities(current[None], courses[None], by_names[None], by_start[None], by_delay[None])
 
     def respond_many(self, record: PreparedRun, values: Mapping[str, Any], count: int, delay: float) -> FloatArray:
         """Currents: the poles of all circuits go through one loop."""
-        seen = circuits(self.branches, values, count, record.series_resistance)
+        fractions = circuits(self.branches, values, count, record.series_resistance)
         given = drive(record, delay)
-        answers = np.empty((seen.poles.size, len(given.kind) + 1))
-        pole_values(given.durations, given.kind, given.start, given.end, seen.poles.ravel(), answers)
+        answers = np.empty((fractions.poles.size, len(given.kind) + 1))
+        pole_values(given.durations, given.kind, given.start, given.end, fractions.poles.ravel(), answers)
         if given.rows is not None:
             answers = answers[:, given.rows]
-        currents = seen.residues[:, None, :] @ answers.reshape(count, self.branches, -1)
-        currents += seen.direct[:, None, None] * given.present
+        currents = fractions.residues[:, None, :] @ answers.reshape(count, self.branches, -1)
+        currents += fractions.direct[:, None, None] * given.present
         return currents
 
 
@@ -252,8 +252,8 @@ class ActuatorResponder:
             ]
         )
         _, singular, directions = np.linalg.svd(weighted, full_matrices=False)
-        seen = singular > 1e-6 * singular[0]
-        self._bases[record.place] = directions[seen].T / singular[seen] * np.sqrt(len(weighted))
+        kept = singular > 1e-6 * singular[0]
+        self._bases[record.place] = directions[kept].T / singular[kept] * np.sqrt(len(weighted))
 
     def start_columns(self, record: PreparedRun, values: Mapping[str, float], delay: float) -> FloatArray:
         """The response to each state."""

@@ -127,16 +127,14 @@ def _rows(problem: Problem, record: PreparedRun, theta: FloatArray, times: Float
 
 def _answers(given: Drive, circuit: Elements, times: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """The node voltage [V], that less the voltage of a capacitor charged with each time constant, and the current."""
-    lumped_admittance, _ = admittance(circuit)
-    own, slopes = responses(given, lumped_admittance.poles)
+    fractions, _ = admittance(circuit)
+    own, slopes = responses(given, fractions.poles)
     poles = -1.0 / times
     low, _ = responses(given, poles)
-    current = lumped_admittance.direct * given.present + lumped_admittance.residues @ own
+    current = fractions.direct * given.present + fractions.residues @ own
     node = given.present - circuit.series * current
-    filtered = (1.0 - circuit.series * lumped_admittance.direct) * low
-    for pole, residue, answer, slope in zip(
-        lumped_admittance.poles, lumped_admittance.residues, own, slopes, strict=True
-    ):
+    filtered = (1.0 - circuit.series * fractions.direct) * low
+    for pole, residue, answer, slope in zip(fractions.poles, fractions.residues, own, slopes, strict=True):
         differences = poles - pole
         met = np.abs(differences) < _MET * np.abs(pole)
         twice = np.where(met[:, None], slope, (low - answer) / np.where(met, 1.0, differences)[:, None])

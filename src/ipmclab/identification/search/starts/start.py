@@ -60,16 +60,16 @@ def starting_points(
         series_known = None
         if free.isdisjoint(SERIES):
             series_known = lumped(actuator.circuit.branches, actuator.parameter_values).series
-        lumped_admittance, located = find_circuit(with_current, actuator.circuit.branches, series_known)
+        fractions, located = find_circuit(with_current, actuator.circuit.branches, series_known)
         delays.update(located)
         bases = []
-        for series_values in _series_values(actuator, free, usual, lumped_admittance.direct):
+        for series_values in _series_values(actuator, free, usual, fractions.direct):
             values = {**actuator.parameter_values, **usual, **series_values}
             if actuator.structure.leak:
                 bases += _with_leak(actuator, free, with_current, delays, {**usual, **series_values})
                 continue
             series = lumped(actuator.circuit.branches, values, with_current[0].series_resistance).series
-            electric, exact = circuit_values(lumped_admittance, values, series)
+            electric, exact = circuit_values(fractions, values, series)
             bases.append({**usual, **series_values, **electric})
     elif any(is_of_leak(name) for name in free):
         bases = _with_leak(actuator, free, _with_current(records), delays, usual)

@@ -122,22 +122,20 @@ def _search(records: Sequence[PreparedRun], delays: Mapping[int, float], branche
     return search_poles(series, branches, direct, tries=tries)
 
 
-def circuit_values(
-    lumped_admittance: Admittance, values: Mapping[str, float], series: float
-) -> tuple[dict[str, float], bool]:
+def circuit_values(fractions: Admittance, values: Mapping[str, float], series: float) -> tuple[dict[str, float], bool]:
     """Parameters of the circuit that shows an admittance, and whether it is physical as it stands.
 
     Parameters
     ----------
-    lumped_admittance : Admittance
+    fractions : Admittance
     values : mapping of name to float [SI]
         Where the dimensions stand.
     series : float [ohm]
         Everything in series with the branches.
     """
-    exact = elements(series, lumped_admittance)
+    exact = elements(series, fractions)
     physical = exact.is_physical()
-    return named_values(exact if physical else _nearest(series, lumped_admittance), values), physical
+    return named_values(exact if physical else _nearest(series, fractions), values), physical
 
 
 def named_values(circuit: Elements, values: Mapping[str, float]) -> dict[str, float]:
@@ -150,37 +148,31 @@ def named_values(circuit: Elements, values: Mapping[str, float]) -> dict[str, fl
     return found
 
 
-def _nearest(series: float, lumped_admittance: Admittance) -> Elements:
+def _nearest(series: float, fractions: Admittance) -> Elements:
     """A physical circuit near an admittance that noise, or a wrong series resistance, made unphysical."""
-    lumped_admittance = _shared(lumped_admittance)
-    direct = (
-        lumped_admittance.direct
-        if lumped_admittance.direct > 0
-        else float(np.sum(np.abs(lumped_admittance.residues / lumped_admittance.poles)))
-    )
+    fractions = _shared(fractions)
+    direct = fractions.direct if fractions.direct > 0 else float(np.sum(np.abs(fractions.residues / fractions.poles)))
     direct = max(direct, _LEAST_DIRECT)
     if series * direct > _NEARLY_ALL:
         direct = _NEARLY_ALL / series
-    weights = np.maximum(-lumped_admittance.residues / -lumped_admittance.poles, 1e-3 * direct)
+    weights = np.maximum(-fractions.residues / -fractions.poles, 1e-3 * direct)
     # The current that is left at the end, direct - sum(weights), must stay above zero.
     weights *= min(1.0, 0.99 * direct / float(np.sum(weights)))
-    found = elements(series, Admittance(direct, weights * lumped_admittance.poles, _separated(lumped_admittance.poles)))
+    found = elements(series, Admittance(direct, weights * fractions.poles, _separated(fractions.poles)))
     if found.is_physical():
         return found
-    count = len(lumped_admittance.poles)
+    count = len(fractions.poles)
     resistance = max(1.0 / direct - series, 0.01 / direct) * count
-    return Elements(
-        series, 10.0 * resistance, np.full(count, resistance), -1.0 / (lumped_admittance.poles * resistance)
-    )
+    return Elements(series, 10.0 * resistance, np.full(count, resistance), -1.0 / (fractions.poles * resistance))
 
 
-def _shared(lumped_admittance: Admittance) -> Admittance:
+def _shared(fractions: Admittance) -> Admittance:
     """The same with poles that have met as one, in equal parts: what each of them carries is rounding."""
-    order = np.argsort(lumped_admittance.poles)
-    poles, residues = lumped_admittance.poles[order], lumped_admittance.residues[order]
+    order = np.argsort(fractions.poles)
+    poles, residues = fractions.poles[order], fractions.residues[order]
     for group in np.split(np.arange(len(poles)), 1 + np.flatnonzero(np.diff(np.log(-poles)) <= -math.log(_MET))):
         poles[group], residues[group] = -np.exp(np.mean(np.log(-poles[group]))), np.mean(residues[group])
-    return Admittance(lumped_admittance.direct, residues, poles)
+    return Admittance(fractions.direct, residues, poles)
 
 
 def _separated(poles: FloatArray) -> FloatArray:

@@ -71,8 +71,8 @@ def leak_starts(
         return node.circuit(leak, structure.branches) if circuit_is_free else known
 
     if not any(is_of_leak(name) for name in free):
-        lumped_admittance = circuit_with(_leaks(actuator, node))
-        return [circuit_values(lumped_admittance, actuator.parameter_values, node.series_resistance)[0]]
+        fractions = circuit_with(_leaks(actuator, node))
+        return [circuit_values(fractions, actuator.parameter_values, node.series_resistance)[0]]
     shapes = _shapes(structure.leak, node.voltage)
     if not shapes:  # so large a voltage that any of them would draw what no number holds
         return []
@@ -80,19 +80,17 @@ def leak_starts(
     bending = shapes[0].columns if len(shapes) == 1 else _hinges(node.voltage)
     leak = np.zeros_like(node.voltage)
     for _ in range(_ROUNDS):
-        lumped_admittance = circuit_with(leak)
-        linear, left = node.around(lumped_admittance, leak) if circuit_is_free else node.at(lumped_admittance, leak)
+        fractions = circuit_with(leak)
+        linear, left = node.around(fractions, leak) if circuit_is_free else node.at(fractions, leak)
         leak = (
             np.maximum(
-                _factors(np.vstack([linear, node.through(lumped_admittance, bending)]), left, node.weight)[
-                    len(linear) :
-                ],
+                _factors(np.vstack([linear, node.through(fractions, bending)]), left, node.weight)[len(linear) :],
                 0.0,
             )
             @ bending
         )
-    linear, left = node.around(lumped_admittance, leak) if circuit_is_free else node.at(lumped_admittance, leak)
-    through = node.through(lumped_admittance, np.vstack([shape.columns for shape in shapes]))
+    linear, left = node.around(fractions, leak) if circuit_is_free else node.at(fractions, leak)
+    through = node.through(fractions, np.vstack([shape.columns for shape in shapes]))
     found = []
     for shape, columns in _ranked(shapes, through, linear, left, node.weight)[:most]:
         factors = _factors(np.vstack([linear, columns]), left, node.weight)[len(linear) :]
@@ -103,7 +101,7 @@ def leak_starts(
         values = dict(shape.values)
         growth = 0.0
         if structure.slow_leak:
-            slow, lagged = _slow(node, lumped_admittance, leak, linear, left)
+            slow, lagged = _slow(node, fractions, leak, linear, left)
             growth = slow["leak.slow.growth"]
             # Both parts together are what was found above; the steady part alone is less.
             part = float(np.sum(leak * leak)) / max(float(np.sum(leak * (leak + growth * lagged))), 1e-300)
@@ -189,36 +187,32 @@ class _Node:
         found = search_poles(runs, branches, np.concatenate([run.drive.present for run in runs])[None])
         return Admittance(float(found.common[0]), found.residues, found.poles)
 
-    def at(self, lumped_admittance: Admittance, leak: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def at(self, fractions: Admittance, leak: FloatArray) -> tuple[FloatArray, FloatArray]:
         """No columns, and what a circuit leaves of the currents if this leak is taken back to nothing."""
         answer = np.concatenate(
             [
-                lumped_admittance.direct * run.drive.present
-                + lumped_admittance.residues @ responses(run.drive, lumped_admittance.poles)[0]
+                fractions.direct * run.drive.present + fractions.residues @ responses(run.drive, fractions.poles)[0]
                 for run in self.without(np.zeros_like(leak))
             ]
         )
         return np.zeros((0, len(answer))), self.readings - answer
 
-    def around(self, lumped_admittance: Admittance, leak: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def around(self, fractions: Admittance, leak: FloatArray) -> tuple[FloatArray, FloatArray]:
         """How the currents change with the circuit, and what is left of them without the leak."""
         rows = []
         for run in self.without(leak):
-            state, slope = responses(run.drive, lumped_admittance.poles)
+            state, slope = responses(run.drive, fractions.poles)
             rows.append(np.vstack([run.drive.present, state, slope]))
-        return np.concatenate(rows, axis=1), self.at(lumped_admittance, leak)[1]
+        return np.concatenate(rows, axis=1), self.at(fractions, leak)[1]
 
-    def through(self, lumped_admittance: Admittance, columns: FloatArray) -> FloatArray:
+    def through(self, fractions: Admittance, columns: FloatArray) -> FloatArray:
         """What each part of a leak adds to the current, w - S Y w: it also loads the electrodes."""
         found = np.empty_like(columns)
         for number, column in enumerate(columns):
             for run, piece in zip(self.series, self.pieces(), strict=True):
                 start, end = _at_knots(run, column[piece])
                 given = replace(run.drive, start=start, end=end, present=column[piece])
-                drawn = (
-                    lumped_admittance.direct * column[piece]
-                    + lumped_admittance.residues @ responses(given, lumped_admittance.poles)[0]
-                )
+                drawn = fractions.direct * column[piece] + fractions.residues @ responses(given, fractions.poles)[0]
                 found[number, piece] = column[piece] - self.series_resistance * drawn
         return found
 
@@ -302,14 +296,14 @@ def _ranked(
 
 
 def _slow(
-    node: _Node, lumped_admittance: Admittance, leak: FloatArray, linear: FloatArray, left: FloatArray
+    node: _Node, fractions: Admittance, leak: FloatArray, linear: FloatArray, left: FloatArray
 ) -> tuple[dict[str, float], FloatArray]:
     """How much of a leak comes slowly and how slowly, and the leak behind that lag."""
     longest = max(float(run.time[-1]) for run in node.series)
     tried = []
     for part in _LAGS:
         lagged = node.lagged(leak, part * longest)
-        columns = np.vstack([linear, node.through(lumped_admittance, np.vstack([leak, lagged]))])
+        columns = np.vstack([linear, node.through(fractions, np.vstack([leak, lagged]))])
         factors = _factors(columns, left, node.weight)
         cost = float(np.sum(((left - factors @ columns) * node.weight) ** 2))
         growth = float(np.clip(factors[-1] / factors[-2], 0.05, 50.0)) if factors[-2] > 0 else 50.0
