@@ -30,7 +30,7 @@ HOPE: Final = 1.05  # times the best cost: a search above that is left
 _CORRECTED: Final = 6  # times, each of which leaves of the way what means hide of their rows: a thousandth
 _AT_FLOOR: Final = 1.3  # times the noise between neighbours
 _SAME_NOISE: Final = 0.002  # relative: weights that are that near are the same (convention)
-_WEIGHED_AGAIN: Final = 30  # times (a limit): each leaves a part of a difference, mostly unknowns by readings
+_WEIGHED_AGAIN: Final = 60  # times (a limit): of runs that disagree a fit that follows one more is led on by weights
 
 
 def minimum(problem: Problem, theta: FloatArray, *, evaluations: int = LONGEST) -> Solution:
@@ -178,20 +178,20 @@ def to_the_end(
 
 def at_floor(problem: Problem, solution: Solution, noise: Noise) -> bool:
     """Whether what is left looks like the noise between neighbouring readings."""
-    found = found_noise(problem, solution)
+    found = found_noise(problem, solution.evaluation)
     return all(found[key] < _AT_FLOOR * noise[key] for key in found)
 
 
 def weigh(problem: Problem, solution: Solution) -> tuple[Problem, Solution]:
     """Take the weights from the residuals until they no longer change; the minimum under them, to the last digits."""
     left = LONGEST
-    for _ in range(6):
-        noise = found_noise(problem, solution)
+    for _ in range(_WEIGHED_AGAIN):
+        noise = found_noise(problem, solution.evaluation)
         if max(abs(noise[key] / problem.noise[key] - 1.0) for key in noise) < _SAME_NOISE:
             break
         weighed = problem.with_noise(noise)
         here = problem.weighed(solution.theta, solution.evaluation, noise)
-        # Weights move the minimum by little: what one search does not reach, six in a row need not either.
+        # Weights move the minimum by little: what one search does not reach, many in a row need not either.
         again = minimum_near(weighed, solution.theta, here, evaluations=max(left, SHORTLY))
         left -= again.evaluations
         again = replace(again, evaluations=again.evaluations + solution.evaluations)
@@ -199,27 +199,44 @@ def weigh(problem: Problem, solution: Solution) -> tuple[Problem, Solution]:
             again = replace(again, converged=True, message=solution.message)
         problem, solution = weighed, again
     for _ in range(_WEIGHED_AGAIN):
-        solution = settled(problem, solution)
-        noise = found_noise(problem, solution)
-        if max(abs(noise[key] / problem.noise[key] - 1.0) for key in noise) < SETTLED:
-            break
-        weighed = problem.with_noise(noise)
-        problem, solution = (
-            weighed,
-            replace(solution, evaluation=problem.weighed(solution.theta, solution.evaluation, noise)),
-        )
+        own = _OwnWeights(problem)
+        solution = settled(own, replace(solution, evaluation=own.weighed(solution.theta, solution.evaluation)))
+        here = problem.evaluate(solution.theta)
+        noise = found_noise(problem, here)
+        solution = replace(solution, evaluation=problem.weighed(solution.theta, here, noise))
+        problem = problem.with_noise(noise)
+        found = found_noise(problem, solution.evaluation)
+        if max(abs(found[key] / noise[key] - 1.0) for key in noise) < SETTLED:
+            break  # a problem that projects rows leaves something else at the same point under other weights
     return problem, solution
 
 
-def found_noise(problem: Problem, solution: Solution) -> dict[tuple[int, str], float]:
+class _OwnWeights:
+    """A problem that takes its weights from the residuals wherever it is evaluated."""
+
+    def __init__(self, problem: Problem) -> None:
+        self._problem = problem
+        self.lower, self.upper = problem.lower, problem.upper
+        self.linear, self.added = problem.linear, problem.added
+
+    def evaluate(self, theta: FloatArray) -> Evaluation:
+        """Residuals and Jacobian under the weights of that point."""
+        return self.weighed(theta, self._problem.evaluate(theta))
+
+    def weighed(self, theta: FloatArray, here: Evaluation) -> Evaluation:
+        """An evaluation of the problem itself, as one of this."""
+        return self._problem.weighed(theta, here, found_noise(self._problem, here))
+
+
+def found_noise(problem: Problem, here: Evaluation) -> dict[tuple[int, str], float]:
     """Standard deviation of the residuals of each run and output, for the parameters that they had to feed."""
     pieces = problem.pieces
     total = sum(piece.stop - piece.start for piece in pieces.values())
-    fed = len(problem.unknowns) - known_beforehand(solution.evaluation)
+    fed = len(problem.unknowns) - known_beforehand(here)
     freedom = max(total - fed, 1.0) / total
     noise = {}
     for key, piece in pieces.items():
-        residual = solution.evaluation.residual[piece]
+        residual = here.residual[piece]
         active = max(int(np.count_nonzero(residual)), 1)  # a bound that holds says nothing about noise
         sigma = problem.noise[key] * math.sqrt(float(residual @ residual) / (active * freedom))
         noise[key] = max(sigma, problem.floors[key])

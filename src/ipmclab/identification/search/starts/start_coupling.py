@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
+from itertools import combinations, islice
 from typing import Final
 
 import numpy as np
@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from ipmclab.identification.problem.free_run import seen_from_sensor
 from ipmclab.identification.problem.record import PreparedRun, model_hold
+from ipmclab.identification.search.starts.complex_pairs import best_pairs
 from ipmclab.identification.search.starts.slow_modes import slow_modes, slow_poles, slow_values
 from ipmclab.identification.search.starts.start_turning import TurningFit, search_turning
 from ipmclab.identification.search.varpro import PoleFit, SearchedRun, all_minima, search_poles
@@ -22,6 +23,7 @@ FloatArray = npt.NDArray[np.float64]
 
 _MEETING: Final = 1.3  # ratio of two real poles below which they may be a complex pair
 _MINIMA: Final = 2  # that are followed
+_PAIRS: Final = 3  # of complex poles that are followed, where real ones meet
 _HOPELESS: Final = 100.0  # times the least cost, where poles that stand apart have it: no start leads below those
 _AS_GOOD: Final = 1.02  # part of the least cost of real poles up to which complex ones are tried: where poles meet
 
@@ -68,7 +70,7 @@ def coupling_starts(
 def _worth_it(minima: Sequence[PoleFit]) -> list[PoleFit]:
     """The minima of real poles that are tried: where the best ones meet, complex ones may lie beside any of them."""
     best = minima[0]
-    if best.poles[0] / best.poles[1] < _MEETING:
+    if _meet(best):
         return list(minima[:_MINIMA])
     return [found for found in minima[:_MINIMA] if found.cost < _HOPELESS * best.cost]
 
@@ -79,7 +81,7 @@ def _with_slow_modes(actuator: Actuator, of: MotionSeries, slow: int) -> Iterato
     if slow == 2 and f"relaxation.{of.output}_pair.0.ratio" in actuator.parameter_values:
         turning = search_turning(of.series, sensors(of))
         # The cost of poles that have met is what rounding leaves of it.
-        apart = [found.cost for found in real if np.min(found.poles[:-1] / found.poles[1:]) > _MEETING]
+        apart = [found.cost for found in real if not _meet(found)]
         if turning is not None and turning.cost < _AS_GOOD * min(apart, default=np.inf):
             yield _turning(of, turning)
     for start in _from(of, real):
@@ -135,14 +137,24 @@ def _from(motion: MotionSeries, minima: Sequence[PoleFit]) -> list[_Start]:
         seen_zero = level / gain if gain > 0 else np.inf
         # A zero beyond the Nyquist rate hardly shows, and one far beyond it not at all: it is put nearer.
         starts.append(_Start(level, min(seen_zero, nyquist), p1, p2, modes))
-        if found.poles[fast[0]] / found.poles[fast[1]] < _MEETING:
-            corner = float(np.sqrt(p2))
-            for ratio, damping in ((1.0, 0.5), (1.5, 0.2)):
-                turned = corner * ratio
-                starts.append(
-                    _Start(level * ratio**2, min(seen_zero, nyquist), 2.0 * damping * turned, turned**2, modes)
-                )
+    if any(_meet(found) for found in minima):
+        starts += islice(_complex(motion, len(minima[0].poles) - 2, nyquist), _PAIRS)
     return starts
+
+
+def _meet(found: PoleFit) -> bool:
+    """Whether two of the poles are equal: then complex ones may follow the readings better."""
+    return bool(np.min(found.poles[:-1] / found.poles[1:]) < _MEETING)
+
+
+def _complex(motion: MotionSeries, slow: int, nyquist: float) -> Iterator[_Start]:
+    """Starts with complex poles and the slow modes beside them."""
+    for found in best_pairs(motion.series, sensors(motion), slow):
+        if found.constant > 0.0:
+            corner = 1.0 / found.time_constant
+            zero = min(found.constant / found.lead, nyquist) if found.lead > 0.0 else nyquist
+            modes = slow_modes(found.poles, found.residues, found.constant)
+            yield _Start(found.constant * corner**2, zero, 2.0 * found.damping_ratio * corner, corner**2, modes)
 
 
 def _fast_pair(found: PoleFit) -> tuple[list[int], float, float]:
