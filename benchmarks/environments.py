@@ -160,7 +160,7 @@ def fitted(runs: Sequence[Run]) -> tuple[Fit, bool]:
     start = StartingPoint({name: actuator[name] for name in names.shared}, {})
     problem = problem_at(actuator, actuator.parameters(), names, records, start, noise)
     solution = minimum_near(problem, entries_at(problem, start))
-    problem = problem.with_noise(found_noise(problem, solution))
+    problem = problem.with_noise(found_noise(problem, solution.evaluation))
     solution = minimum_near(problem, solution.theta)
     correlated = Correlated(problem, solution, solution.evaluation)
     result = Estimate(actuator.parameters(), problem, solution, (), (), correlated)
