@@ -105,7 +105,9 @@ def test_a_good_fit_may_be_used(good: Fit, step: Run) -> None:
 
 def test_a_fit_that_missed_other_runs_is_not_said_to_predict(good: Fit) -> None:
     said = verdict(good, {"current"})
-    assert said.startswith("This fit follows the current of its own runs, but does not predict the current of others (")
+    assert said.startswith(
+        "This fit follows the current of its own runs, but does not predict the current of every other run ("
+    )
     assert verdict(good, {"force"}) == answer_of(good).verdict
 
 

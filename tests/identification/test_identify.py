@@ -382,6 +382,12 @@ def test_a_current_that_the_electrodes_do_not_allow_is_named(behind_thin_electro
             "no-excitation",
             "zero throughout",
         ),
+        (
+            [Run.from_arrays(time=[0.0, 1.0, 2.0], voltage=[0.0, 1e-3, 0.0], current=[0.0, 1e-4, 0.0])],
+            "electrical",
+            "no-excitation",
+            "never above 1 mV",
+        ),
         # It was said that the voltage is zero.
         (
             [replace(record("step 1 V delay=1 s"), current=np.full(2000, 1e-3))],

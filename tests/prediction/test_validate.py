@@ -182,8 +182,14 @@ def test_an_open_coupling_is_said(actuator: Actuator) -> None:
         ]
         return replace(model, fit_table={**table, "covariance": {"names": [*parts], "rows": rows}})
 
+    def known_size() -> Actuator:
+        """The same directions as one that is open, and d(0) among what the readings determine."""
+        model = fitted(["coupling.gain"], gain=1.0)
+        return replace(model, fit_table={**(model.fit_table or {}), "known": [{"name": "coupling.static"}]})
+
     run = record(actuator, "step 1 V")
     cases = (
+        (known_size(), []),
         (known_to(0.1), []),
         (known_to(0.6), ["coupling-undetermined"]),
         (fitted(["circuit.dc_resistivity"]), ["coupling-not-identified"]),

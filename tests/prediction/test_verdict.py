@@ -10,6 +10,7 @@ import pytest
 from ipmclab import Run, identify, load_actuator, simulate, validate
 from ipmclab.fit.answer import answer_of
 from ipmclab.model import Actuator
+from ipmclab.model.variants import with_stages
 from ipmclab.prediction.fitted import fitted_outputs
 from ipmclab.prediction.scores import score
 from ipmclab.prediction.verdict import verdict_of
@@ -79,6 +80,27 @@ def test_a_prediction_that_is_hardly_nearer_than_a_constant_is_called_so(strip: 
     # What was read is 1/1.85 of the prediction, so that 0.85 of it are left.
     assert found.predicted["current"] == pytest.approx(15.0, abs=2.0)
     assert "the model hardly predicts 1 run" in found.sentences[0]
+
+
+def test_a_prediction_that_leaves_more_than_a_fifth_is_a_rough_one(strip: Actuator) -> None:
+    run = simulate(strip, "square 1 V 0.1 Hz", duration=20.0, rate=50.0)
+    read = replace(run, current=np.asarray(run.current) / 1.4, displacement=None, force=None)
+    found = verdict_of(validate(strip, named(read, "less.nc")))
+    assert found.predicted["current"] == pytest.approx(60.0, abs=2.0)
+    assert "the model roughly predicts 1 run" in found.sentences[0]
+
+
+def test_a_stage_that_the_model_has_is_not_proposed(strip: Actuator) -> None:
+    """A current that rises at constant voltage, beside a model without and with a leak that grows."""
+    run = simulate(strip, "step 1 V delay=2 s", duration=60.0, rate=10.0)
+    rising = np.asarray(run.current) + 0.02 * np.clip(run.time - 10.0, 0.0, None)
+    read = named(replace(run, current=rising, displacement=None, force=None), "rises.nc")
+    for model, words in (
+        (strip, "which only a leak that grows (leak.slow) can follow"),
+        (with_stages(strip, "leak.exponential", "leak.slow"), "more than the growing leak of this model"),
+    ):
+        (said,) = (one for one in verdict_of(validate(model, read)).sentences if "does not predict" in one)
+        assert words in said
 
 
 def test_a_fit_that_is_not_to_be_used_says_so_before_its_scores(strip: Actuator) -> None:

@@ -38,7 +38,7 @@ def times(run: Run, what: str, factor: float) -> Run:
     sample=st.sampled_from(SAMPLES),
     signal=st.sampled_from(SIGNALS),
     rate=st.sampled_from([25.0, 50.0, 1000.0]),
-    what=st.sampled_from(["time", "current", "displacement", "force"]),
+    what=st.sampled_from(["time", "current", "displacement", "force", "voltage"]),
     factor=st.sampled_from([1000.0, 0.001]),
     told=st.booleans(),
 )
@@ -49,6 +49,8 @@ def test_one_unit_is_off_and_nothing_else_is_said(
     run = simulate(actuator, signal, duration=20.0, rate=rate)
     strip = actuator if told else None
     assert found(run, strip) == []
+    if what == "voltage" and factor < 1.0:
+        return  # that is no voltage at all
     wrong = check(times(run, what, factor), strip)
     assert (wrong[0].code, wrong[0].severity) == (scale.CODE, "error")
     assert found(times(run, what, factor), strip) == [None if what == "time" else what]
@@ -109,6 +111,9 @@ def test_the_words() -> None:
     assert "the time is about 1000 times too long" in long.message
     assert "ms may have been read as s" in long.message
     assert "read the record again" in long.repair
+    (volts,) = (f for f in check(times(run, "voltage", 1000.0)) if f.code == scale.CODE)
+    assert "it reaches 1000 V" in volts.message
+    assert "mV may have been read as V" in volts.message
 
 
 def test_identify_says_it_first_and_proposes_no_stage() -> None:

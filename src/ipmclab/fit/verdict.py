@@ -49,7 +49,9 @@ def verdict(fit: Fit, missed: Collection[str] = ()) -> str:
     use = f"This fit can be used to predict the {what}"
     lost = [CHANNELS[name].name for name in outputs if name in missed]
     if lost:
-        use = f"This fit follows the {what} of its own runs, but does not predict the {_listed(lost)} of others"
+        use = (
+            f"This fit follows the {what} of its own runs, but does not predict the {_listed(lost)} of every other run"
+        )
     elif (worst is not None and worst > _ROUGH) or any(one.code in IMPOSSIBLE for one in fit.findings):
         use = f"This fit predicts the {what} only roughly"
     if not lost and hardly_determined(fit):

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence, Set
 from os import PathLike
 
+import numpy as np
+
 from ipmclab.errors import InputError
 from ipmclab.identification.problem.free import FreeParameters
 from ipmclab.identification.problem.record import READ_OUTPUTS, PreparedRun, label_of
@@ -12,6 +14,7 @@ from ipmclab.model import Actuator
 from ipmclab.model.declared import outputs_of, stage_outputs
 from ipmclab.model.given import need_run
 from ipmclab.model.stages.circuit import SERIES
+from ipmclab.quality.record import NO_VOLTAGE
 from ipmclab.run import Run
 
 
@@ -112,6 +115,7 @@ def need_readings(
                 where=wanting[0].label if own or len(records) == 1 else "runs",
                 repair="add runs that have it, or fix the parameter",
             )
+    largest = max(float(np.abs(record.run.voltage).max()) for record in records)
     for run, record in zip(given, records, strict=True):
         if run.voltage.any() and not record.run.voltage.any():
             raise InputError(
@@ -120,9 +124,9 @@ def need_readings(
                 where=record.label,
                 repair="clean or tighten the clamp and record the run again, or leave it out",
             )
-        if not record.run.voltage.any():
+        if not record.run.voltage.any() or largest <= NO_VOLTAGE:
             raise InputError(
-                "the voltage is zero throughout: nothing answers to it",
+                f"the voltage is {_how_little(record)}: nothing answers to it",
                 code="no-excitation",
                 where=record.label,
                 repair="leave the run out, or give the voltage that was applied",
@@ -136,6 +140,11 @@ def need_readings(
                 where=record.label,
                 repair="see what check says of it, and leave the run out",
             )
+
+
+def _how_little(record: PreparedRun) -> str:
+    largest = float(np.abs(record.run.voltage).max())
+    return f"never above {1e3 * largest:.2g} mV" if largest else "zero throughout"
 
 
 def _shows(record: PreparedRun, channels: Sequence[str]) -> bool:

@@ -11,6 +11,12 @@ if TYPE_CHECKING:
     from ipmclab.planning.proposal import Expected, Proposal
     from ipmclab.planning.strips import StripsProposal
 
+HOW: Final = (
+    "Both intervals come from standard errors, so that they compare. Those of the fit follow what its readings allow "
+    "and can be wider."
+)
+"""What the intervals of a proposal are."""
+
 AIMS: Final = {
     "parameters": "narrows the joint interval of the parameters",
     "prediction": "lowers the error of the prediction",
@@ -55,6 +61,11 @@ def of_draws(proposal: Proposal) -> str:
     if not proposal.draws:
         return ""
     return f"Gains are averages over {proposal.draws} values that the strip may have, intervals are the middle ones."
+
+
+def value(one: Expected) -> str:
+    """The value that the fit has; a dash where that is not determined."""
+    return significant(one.value, 4) if one.determined_before else "-"
 
 
 def interval(one: Expected, *, now: bool) -> str:

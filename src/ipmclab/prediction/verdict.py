@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -18,9 +19,15 @@ from ipmclab.prediction.validate import Validation
 from ipmclab.strip_state.doubtful import EXTRAPOLATED
 from ipmclab.units import CHANNELS
 
-_HARDLY: Final = 20.0
-"""Percent of fit below which a prediction says little: it leaves four fifths of what the readings vary by
+_HOW_WELL: Final = (
+    (80.0, math.inf, "predicts"),
+    (20.0, 80.0, "roughly predicts"),
+    (0.0, 20.0, "hardly predicts"),
+)
+"""From which percent of fit to which, and the word: a fifth, and four fifths, of what readings vary by are left
 (convention)."""
+
+_GROWS: Final = "which only a leak that grows (leak.slow) can follow"
 
 
 @dataclass(frozen=True)
@@ -78,16 +85,16 @@ displacement with a fit of 99.0 % and force with a fit of 99.0 %.
             for one in fresh
             if any((one.scores[name].fit_percent or 0.0) > 0.0 for name in outputs if name in one.scores)
         ]
-        for which, how in ((True, "predicts"), (False, "hardly predicts")):
+        for least, below, how in _HOW_WELL:
             scored = [
                 f"{CHANNELS[name].name} with a fit of {percent(fit)}"
                 for name, fit in predicted.items()
-                if (fit >= _HARDLY) is which
+                if least <= fit < below
             ]
             if scored:
                 sentences.append(
                     f"From its voltage alone the model {how} {_new(met)}: {_listed(scored)}"
-                    f"{'' if which else ', where a constant has 0 %'}."
+                    f"{'' if how == 'predicts' else ', where a constant has 0 %'}."
                 )
     if missed:
         outputs_text = _listed(
@@ -98,7 +105,8 @@ displacement with a fit of 99.0 % and force with a fit of 99.0 %.
             ]
         )
         nearer = f"It does not predict {outputs_text}: a constant would have been nearer."
-        sentences.append(" ".join([nearer, *_causes(fresh, missed)]))
+        grows = any(name.startswith("leak.slow.") for name in validation.actuator.parameter_values)
+        sentences.append(" ".join([nearer, *_causes(fresh, missed, grows=grows)]))
     if fresh and not (predicted or missed):
         sentences.append(f"Nothing could be scored in {_new(fresh)}.")
     if guessed:
@@ -135,7 +143,7 @@ def _given_to_fit(runs: Sequence[RunValidation]) -> list[str]:
     return said
 
 
-def _causes(fresh: Sequence[RunValidation], missed: Sequence[tuple[str, str, float]]) -> list[str]:
+def _causes(fresh: Sequence[RunValidation], missed: Sequence[tuple[str, str, float]], *, grows: bool) -> list[str]:
     """Why outputs were missed: first what the records themselves show, then what may be."""
     turned = [(output, one.label) for one in fresh for output in turned_outputs(one)]
     names = {label for _, label, _ in missed}
@@ -168,17 +176,17 @@ def _causes(fresh: Sequence[RunValidation], missed: Sequence[tuple[str, str, flo
             f"{channel.display_unit} over the record. That is most of what was missed, and no prediction has a drift."
         )
     others = {one[1] for one in missed if one[1] not in begin and one[:2] not in {*turned, *drifting}}
-    return said + _of_the_strip([one for one in fresh if one.label in others], elsewhere=bool(said))
+    return said + _of_the_strip([one for one in fresh if one.label in others], elsewhere=bool(said), grows=grows)
 
 
-def _of_the_strip(missed: Sequence[RunValidation], *, elsewhere: bool) -> list[str]:
+def _of_the_strip(missed: Sequence[RunValidation], *, elsewhere: bool, grows: bool) -> list[str]:
     """What may have been otherwise with the strip; one that shares rows with a run of the fit was no other strip."""
     rising, same = current_rises(missed), [one.label for one in missed if one.rows_in_fit is not None]
     said = []
     if rising:
         said.append(
             f"The current of {_listed(rising)} rises at constant voltage: the strip or its contact changes over the "
-            "record, which only a leak that grows (leak.slow) can follow."
+            f"record, {'more than the growing leak of this model' if grows else _GROWS}."
         )
     if same:
         said.append(

@@ -47,6 +47,8 @@ that are named)."""
 _LEAST: Final[Mapping[str, float]] = {"current": 5.0, "displacement": 3.5e-5, "force": 1.5e3, TIME: 0.02}
 """What is just believed, and a thousand times this is the most: between a thousandth of the most that is known and the
 least, about a factor of 2 from both, so that a unit that is off always lies outside (derived from ``KNOWN``)."""
+_MOST_VOLTS: Final = 100.0
+"""No strip is driven by more [V]: the known ones take 0.3 to 5 V, and in mV these are 300 and more (convention)."""
 _FACTOR: Final = 1000.0  # ratio of the most to the least: a unit that is off by a prefix (derived)
 _SLOWEST: Final = 60.0
 """Seconds in which a strip may settle: slow ones are more likely than a wrong unit up to a thousand times the least
@@ -112,6 +114,9 @@ def wrong_scales(record: Record, noise_only: frozenset[str], actuator: Actuator 
     """
     if not record.excited:
         return []
+    volts = float(np.abs(record.run.voltage).max())
+    if volts > _MOST_VOLTS:
+        return [_voltage(record, volts)]  # every other scale is one per volt
     scales = kept(record.run, "scales", lambda: scales_of(record, noise_only))
     geometry = per_dimensions(actuator)
     if record.shows_no_edge:
@@ -191,6 +196,20 @@ def _off(record: Record, scales: Scales, geometry: Mapping[str, float]) -> list[
             )
         )
     return found
+
+
+def _voltage(record: Record, volts: float) -> Finding:
+    return Finding(
+        code=CODE,
+        severity="error",
+        channel="voltage",
+        message=(
+            f"the voltage is about 1000 times too large (it reaches {record.voltage.show(volts)}, where strips are "
+            "driven by a few V): mV may have been read as V"
+        ),
+        repair="state the unit of this channel in the import map or the rig file and read the record again",
+        values={"largest": volts, "most": _MOST_VOLTS},
+    )
 
 
 def _clock(settling: float, low: float, high: float) -> Finding:

@@ -129,7 +129,7 @@ def test_what_a_fixed_value_of_little_worth_leaves_open_asks_for_that_value(unce
         ("circuit.branches.1.permittivity", 60.0, "record longer, with steps and slow and fast signals"),
         ("circuit.branches.1.permittivity", 600.0, "record more edges, at a higher rate, or with less noise"),
         (DC, 600.0, "record longer, with steps and slow and fast signals"),
-        ("observation.delay[0]", 60.0, "state hold in the import map"),
+        ("observation.delay[0]", 60.0, "state hold in the import map if you know it"),
     ],
 )
 def test_a_fast_branch_asks_for_rows_and_a_slow_one_for_time(moved: str, duration: float, cure: str) -> None:

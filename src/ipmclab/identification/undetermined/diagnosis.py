@@ -266,8 +266,9 @@ def _cure(large: Sequence[str], asked: Sequence[str], records: Sequence[Prepared
     series = moved & set(SERIES)
     if "observation.delay" in moved:
         return (
-            'state hold in the import map ("zero" where the voltage steps from row to row, "first" where it moves '
-            "linearly), or give runs that show the rows before and after each edge"
+            'state hold in the import map if you know it ("zero" where the voltage steps from row to row, "first" '
+            "where it moves linearly; a wrong one gives wrong values), or give runs that show the rows before and "
+            "after each edge"
         )
     if len(series) == 2:
         return "sheet and contact resistance lie in series: fix one of them at a measured value"

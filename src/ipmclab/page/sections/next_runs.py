@@ -232,6 +232,7 @@ class NextRunsView:
             for words in document["sentences"]:
                 text(words)
             plain_table(_EXPECTED, document["expected"], caption="What is expected of them")
+            text(document["how"])
             for words in document["remarks"]:
                 text(f"Remark: {words}.").classes("lab-quiet")
             with ui.element("details"):

@@ -53,7 +53,7 @@ def run(arguments: dict[str, Any], progress: Progress) -> Frame:
     expected = [
         {
             "name": one.name,
-            "value": significant(one.value, 4),
+            "value": proposal_words.value(one),
             "now": proposal_words.interval(one, now=True),
             "after": proposal_words.interval(one, now=False),
             "unit": one.unit,
@@ -68,6 +68,7 @@ def run(arguments: dict[str, Any], progress: Progress) -> Frame:
     document = {
         "runs": runs,
         "expected": expected,
+        "how": proposal_words.HOW,
         "sentences": [one for one in sentences if one],
         "remarks": list(found.remarks),
     }
