@@ -181,11 +181,15 @@ class Choice(Shown):
                 reason = f"it has the fewest parameters of {of}"
             elif len(close) > 1:
                 reason = f"of {of} it predicted best, and none has fewer parameters"
-            elif self.preferred == self.best:
-                reason = "it predicted best, and none of the others misses the readings by so little"
             else:
-                reason = "its RMSE is the least, and the others miss the readings by more than a tenth more"
+                reason = f"its RMSE is the least, and that of the others is more than {AS_CLOSE:g} times as large"
             lines.append(f"{self.preferred} is preferred: {reason} ({self[self.preferred].parameters} parameters).")
+            lines += [
+                f"{one.name} is not excluded: it predicts worse by {abs(difference.value):.3g} nats, but a few "
+                f"{self.held_out} decide that (standard error {difference.standard_error:.3g})."
+                for one, difference in against
+                if one in alike and one.name not in close
+            ]
         elif len(ranked) > 1:
             lines.append(f"{self.best} predicts best, and the records distinguish it from every other model.")
         else:

@@ -172,7 +172,7 @@ def test_what_follows_the_voltage_and_no_stage_explains_is_called_so() -> None:
         ),
         (
             {"branches=3": (30.0, 0.12), "clamp": (9.0, 1.0)},
-            "clamp explains most, 100 % of the power beyond noise, which chance",
+            "clamp explains most, 100 % of the power beyond noise, which noise",
         ),
         # A share that a chance fit would give as well is none.
         ({"branches=3": (-1.0, 0.12), "clamp": (-3.0, 0.4)}, "none explains any of it (branches=3, clamp)"),

@@ -117,7 +117,7 @@ def _incomplete(left: Left, tried: Sequence[Tried], fixed: str) -> Finding:
         best = max(some, key=lambda one: one.shares[left.output])
         explained = best.shares[left.output]
         found = f"{best.stage} explains most, {round(100.0 * explained, 1):g} % of the power beyond noise"
-        found += "" if best.evidence > CLEAR else ", which chance may give too"
+        found += "" if best.evidence > CLEAR else ", which noise alone could also give"
     of_them = f"; of the stages that were tried {found} ({names})" if tried else ""
     return Finding(
         "model-incomplete",
