@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -166,9 +165,13 @@ def symbol_of(parameter: FittedParameter) -> str:
 
 
 def correlation_table(fit: Fit) -> CorrelationTable | None:
-    """Correlations of the estimates; None where no two of them have any."""
-    names = list(fit.correlations)
-    if not any(math.isfinite(fit.correlations[one][other]) for one, other in itertools.combinations(names, 2)):
+    """Correlations of the estimates, of those that have one with another; None where no two have any."""
+    names = [
+        name
+        for name, row in fit.correlations.items()
+        if any(math.isfinite(value) for other, value in row.items() if other != name)
+    ]
+    if not names:
         return None
     symbols = tuple(symbol_of(fit.parameters[name]) for name in names)
     rows = []

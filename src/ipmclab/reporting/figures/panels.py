@@ -13,12 +13,16 @@ from matplotlib.ticker import MaxNLocator
 
 from ipmclab.reporting.decimate import decimate
 from ipmclab.reporting.figures.layout import panel_grid
-from ipmclab.reporting.style import COLOURS, LINES, SERIES
+from ipmclab.reporting.style import COLOURS, LINES, SERIES, label_text
 from ipmclab.reporting.wording import spelled_unit
 from ipmclab.units import CHANNELS, Quantity
 
 _BAND_POINTS: Final = 400
 """Stretches of rows that a band is drawn in: as fine as a pixel."""
+
+_MANY: Final = 4  # entries of a legend from which its longest word gives way to the panel's name
+_ROOM: Final = 45  # letters that such a row of them has (measured: a figure of a report, "displacement (mm)")
+_SHORTEST: Final = 12  # letters that a name keeps
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -146,9 +150,12 @@ def blocks(time: FloatArray, rows: Sequence[tuple[int, int]]) -> list[list[float
 
 
 def legend_above(panel: Axes, *, columns: int = 4) -> None:
-    """A legend above the right end of a panel, out of the way of the curves."""
+    """A legend above the right end of a panel, out of the way of the curves and of the panel's name."""
     handles, labels = panel.get_legend_handles_labels()
     if handles:
+        if len(handles) >= _MANY:
+            room = _ROOM - sum(sorted(map(len, labels))[:-1])
+            labels = [label_text(label, longest=max(room, _SHORTEST)) for label in labels]
         panel.legend(
             handles,
             labels,
