@@ -85,7 +85,7 @@ def suggest(name: str, known: Iterable[str]) -> str:
 
 def _likeness_of_parts(name: list[str], other: list[str]) -> float:
     equal = 0
-    while equal < min(len(name), len(other)) - 1 and name[equal] == other[equal]:
+    while equal < min(len(name) - 1, len(other)) and name[equal] == other[equal]:
         equal += 1
     return _likeness(".".join(name[equal:]), ".".join(other[equal : len(name)]))
 
