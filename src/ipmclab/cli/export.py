@@ -9,7 +9,7 @@ import typer
 
 from ipmclab.cli.files import actuator_files, check_output, fit_or_actuator, means_actuator, read_runs
 from ipmclab.cli.options import Force, Json
-from ipmclab.cli.output import print_json, progress
+from ipmclab.cli.output import print_json, print_remarks, progress
 from ipmclab.errors import InputError, suggest
 from ipmclab.platform import as_typed
 
@@ -108,14 +108,17 @@ def _export_actuator(name: str, out: Path, to: str, *, force: bool, as_json: boo
     from ipmclab.fit.fit import Fit
 
     given = fit_or_actuator(name)
+    from ipmclab.model.left_open import open_sentence
     actuator, covariance = (given.actuator, given.covariance) if isinstance(given, Fit) else (given, {})
     keep_what_is_read(out, actuator_files(name), where=f"--out {out}")
     written = export_actuator(actuator, out, to=to, covariance=covariance, overwrite=force)
     if as_json:
-        print_json({"actuator": name, "to": to, "out": out, "written": written})
+    doubts = [said] if (said := open_sentence(actuator)) else []
+        print_json({"actuator": name, "to": to, "out": out, "written": written, "warnings": doubts})
     else:
         print(f"wrote {' and '.join(str(path) for path in written)}")
 
+        print_remarks(doubts, "warning")
 
 def _export_crate(
     folder: str,
