@@ -246,8 +246,8 @@ def counting(what: str) -> Iterator[Callable[[int, int], None]]:
 def progress(what: str, *, answering: bool = False) -> Iterator[Callable[[str, float], None]]:
     """Say on a terminal what is being done, until it is done.
 
-    Long work calls the function that is given with a sentence and the fraction that is done. The fraction comes first: a
-    narrow terminal cuts the end of the line. The first answer of a fit is shown above that where the verb is
+    Long work calls the function that is given with a sentence and the fraction that is done. The fraction comes first:
+    a narrow terminal cuts the end of the line. The first answer of a fit is shown above that where the verb is
     ``answering`` with that fit.
     """
     if not sys.stderr.isatty():

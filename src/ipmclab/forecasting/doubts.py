@@ -77,7 +77,8 @@ def undetermined_finding(names: Sequence[str], ratios: Sequence[str]) -> Finding
         "model-undetermined",
         "warning",
         f"the runs of the fit did not determine {len(names)} of its parameters: {'; '.join(lines)}",
-        "forecast with a fit of fewer parameters, and compare it with forecast(None, run, ...)",
+        "forecast with a fit of fewer parameters, and compare it with the forecast without an actuator: "
+        "ipmclab forecast - RUN, in Python forecast(None, run)",
         values={"undetermined": len(names)},
     )
 
