@@ -5,7 +5,10 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable
 from functools import partial
-from typing import Any
+from typing import Any, Final
+
+_ALIKE: Final = 0.6
+"""Likeness from which a name may have been meant: that of ``difflib.get_close_matches`` (convention)."""
 
 
 class IpmclabError(Exception):
@@ -57,17 +60,38 @@ class InputError(IpmclabError, ValueError):
 
 
 def suggest(name: str, known: Iterable[str]) -> str:
-    """A repair that names the nearest of the known names, or lists them.
+    """A repair that names the nearest of the known names, all that are as near, or lists them.
+
+    Where a dotted name begins as a known one does, the rest of both is compared; a name with fewer parts is compared
+    with as many.
 
     Examples
     --------
-    >>> suggest("sheet_resistence", ["sheet_resistance", "gain"])
-    "did you mean 'sheet_resistance'?"
+    >>> suggest("circuit.dc_resistance", ["circuit.contact_resistance", "circuit.dc_resistivity"])
+    "did you mean 'circuit.dc_resistivity'?"
+    >>> suggest("relaxtion", ["relaxation.displacement", "relaxation.force", "clamp"])
+    "did you mean 'relaxation.displacement' or 'relaxation.force'?"
     >>> suggest("xyz", ["gain", "zero"])
     "known: 'gain', 'zero'"
     """
     names = list(known)
-    near = difflib.get_close_matches(name, names, n=1, cutoff=0.6)
-    if near:
-        return f"did you mean {near[0]!r}?"
-    return "known: " + ", ".join(repr(other) for other in names)
+    likeness = {other: _likeness_of_parts(name.split("."), other.split(".")) for other in names}
+    largest = max(likeness.values(), default=0.0)
+    if largest < _ALIKE:
+        return "known: " + ", ".join(repr(other) for other in names)
+    *others, last = [repr(other) for other, found in likeness.items() if found == largest]
+    return f"did you mean {', '.join(others)}{' or ' if others else ''}{last}?"
+
+
+def _likeness_of_parts(name: list[str], other: list[str]) -> float:
+    equal = 0
+    while equal < min(len(name) - 1, len(other)) and name[equal] == other[equal]:
+        equal += 1
+    return _likeness(".".join(name[equal:]), ".".join(other[equal : len(name)]))
+
+
+def _likeness(name: str, other: str) -> float:
+    """How alike two names are, from 0 to 1: where they have as many words, on average of the words."""
+    words, others = name.split("_"), other.split("_")
+    pairs = [(name, other)] if len(words) != len(others) else list(zip(words, others, strict=True))
+    return sum(difflib.SequenceMatcher(None, there, word).ratio() for word, there in pairs) / len(pairs)

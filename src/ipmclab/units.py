@@ -248,7 +248,7 @@ def _without_comma(text: str, unit: str) -> str:
     return f"{with_point} or {text.replace(',', '', 1)!r}" if is_open else with_point
 
 
-def parse_quantity(text: str, quantity: Quantity, *, where: str) -> float:
+def parse_quantity(text: str, quantity: Quantity, *, where: str, example: str = "") -> float:
     """Read a number with its unit as an SI float.
 
     Parameters
@@ -259,6 +259,9 @@ def parse_quantity(text: str, quantity: Quantity, *, where: str) -> float:
         What it must be.
     where : str
         Where the text is, for the message.
+    example : str
+        What to write, where a number alone does not show which unit was meant; else that number in the unit that people
+        read.
 
     Returns
     -------
@@ -289,7 +292,7 @@ def parse_quantity(text: str, quantity: Quantity, *, where: str) -> float:
             f"{text!r} has no unit",
             code="missing-unit",
             where=where,
-            repair=f"write for example '{number:g} {quantity.display_unit}'",
+            repair=f"write for example '{example or f'{number:g} {quantity.display_unit}'}'",
         )
     if unit not in quantity.units:
         raise InputError(

@@ -69,6 +69,21 @@ def test_profile_asks_of_each_run_and_mounting_what_its_fit_had_asked(command, t
     assert "circuit.dc_resistivity " in shown.out
 
 
+def test_a_delay_of_the_fit_is_found_again_without_being_named(command, tmp_path: Path) -> None:
+    """A foreign record has a delay, which nobody can free by name; the fit again finds its own."""
+    strip = ipmclab.load_actuator("friend-2")
+    clean = ipmclab.simulate(strip, "square 1 V 0.2 Hz", duration=20.0, rate=25.0)
+    noisy = clean.current + 1e-4 * np.random.default_rng(20261127).standard_normal(len(clean))
+    run = ipmclab.Run.from_arrays(time=clean.time, voltage=clean.voltage, current=noisy, hold="unknown")
+    ipmclab.write_run(run, tmp_path / "foreign.nc")
+    fit = ipmclab.identify(strip, run, free="circuit.dc_resistivity,circuit.branches.0.permittivity")
+    assert "observation.delay[0]" in fit.parameters
+    ipmclab.write_fit(fit, tmp_path / "fitted.toml")
+    for words in (("profile",), ("bootstrap", "--count", "40")):
+        again = command(words[0], "fitted.toml", "foreign.nc", *words[1:], "--json")
+        assert again.status == 0, again.err
+
+
 def test_forecast_is_that_of_python(command, tmp_path: Path) -> None:
     strip = ipmclab.load_actuator("friend-2+relaxation.displacement")
     run = ipmclab.simulate(strip, "step 1 V", duration=40.0, rate=25.0)

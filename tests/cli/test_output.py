@@ -9,6 +9,7 @@ import pytest
 
 from ipmclab import Finding, identify, load_actuator, simulate
 from ipmclab.cli.output import print_briefly, progress
+from ipmclab.model.variants import stage_names
 from ipmclab.run import Severity
 
 
@@ -130,6 +131,15 @@ def test_a_fit_on_the_way_to_another_answer_shows_none_of_its_own(monkeypatch: p
         identify(strip, run, free=["circuit.dc_resistivity"], progress=on_progress)
     assert "sampling" in terminal.getvalue()
     assert "First answer" not in terminal.getvalue()
+
+
+def test_how_much_is_done_is_seen_on_a_narrow_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+    terminal = Terminal()
+    monkeypatch.setattr("sys.stderr", terminal)
+    monkeypatch.setenv("COLUMNS", "40")
+    with progress(f"identifying {'+'.join(['friend-2', *stage_names()])}") as tell:
+        tell("looking for other answers", 0.62)
+    assert "62 % identifying" in terminal.getvalue()
 
 
 def test_where_nobody_looks_there_is_no_first_answer(capsys: pytest.CaptureFixture[str]) -> None:

@@ -213,7 +213,7 @@ def test_a_sample_without_dates(command, tmp_path: Path) -> None:
         (("--since", "2026-11-21", "--until", "2026-11-20"), "ends (2026-11-20) before it begins (2026-11-21)"),
         (("--state", "done"), "known: 'recording'"),
         (("--purpose", "fun"), "known: 'signal'"),
-        (("--sample", "strip-3"), "did you mean 'strip-2'?"),
+        (("--sample", "strip-3"), "did you mean 'strip-1' or 'strip-2'?"),
         (("--out", "life.svg"), "give --sample ID alone"),
         (("--sample", "strip-1", "--out", "life.txt"), "must end in .svg"),
         (("--catalogue", "mysql://host/x"), "postgresql://USER@HOST/NAME"),

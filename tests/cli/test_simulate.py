@@ -130,3 +130,19 @@ def test_at_an_environment_the_condition_stands_in_title_document_and_run(comman
     assert run.metadata.water_content == pytest.approx(7.219)
     for at, said in (("20 degC", "is not an environment"), ("20 degC, 80 %RH; 5 s: 20 degC, 50 %RH", "has no time")):
         assert said in command("simulate", name, *WORDS, "--at", at).err
+
+
+def test_what_the_fit_left_open_is_said_with_what_it_gives(command, tmp_path: Path) -> None:
+    """Two resistances in series: their sum alone is known."""
+    strip = FRIEND
+    run = simulate(strip, "step 1 V", duration=10.0, rate=20.0)
+    open_ones = ["circuit.sheet_resistance", "circuit.contact_resistance"]
+    write_fit(identify(strip, run, free=open_ones), tmp_path / "fitted.toml")
+    said = f"the fit does not determine {', '.join(open_ones)}: what depends on them is a guess"
+    asked = ("simulate", "fitted.toml", "--signal", "step 1 V", "--duration", "2 s", "--rate", "20 Hz")
+    assert said in command(*asked, "--out", "a.nc", "--json").document["warnings"]
+    assert said in " ".join(command(*asked, "--out", "b.nc").err.split())
+    assert command("export", "fitted.toml", "--to", "matlab", "--out", "script.m", "--json").document["warnings"] == [
+        said
+    ]
+    assert said in " ".join(command("export", "fitted.toml", "--to", "matlab", "--out", "strip.m").err.split())

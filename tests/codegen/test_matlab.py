@@ -115,6 +115,16 @@ def test_a_leak_is_there_with_its_slope_and_said_so(tmp_path: Path) -> None:
         assert ("these numbers do not give what ipmclab gave" in text) is not is_small
 
 
+def test_what_the_fit_left_open_stands_in_the_header(tmp_path: Path) -> None:
+    entries = [{"name": "beam.modulus", "determined": False}, {"name": "beam.density", "determined": True}]
+    for entry, told in zip(entries, (True, False), strict=True):
+        script, _ = export_actuator(
+            replace(load_actuator("friend-2"), fit_table={"parameters": [entry]}), tmp_path / "strip.m", overwrite=True
+        )
+        said = "% The fit does not determine beam.modulus: what depends on it is a guess.\n"
+        assert (said in script.read_text()) is told
+
+
 def test_what_cannot_be_written_is_refused(tmp_path: Path) -> None:
     actuator = load_actuator("friend-2")
     for name, to, code in (

@@ -61,7 +61,7 @@ def test_what_a_fit_left_open_is_no_prior_and_is_said(tmp_path: Path) -> None:
         assert finding.severity == "warning"
         assert f"{RATIO} counted as 0" in finding.message
         assert "coupling.gain stay as they are" in finding.message
-        assert finding.repair
+        assert "ipmclab forecast - RUN, in Python forecast(None, run)" in finding.repair
     # As if the ratio had never been fitted.
     never = replace(fit.actuator, fit_table=None).replace(**{RATIO: 0.0})
     np.testing.assert_allclose(ahead.mean, forecast(never, record(strip()), origin=40.0).mean, rtol=1e-9)

@@ -205,6 +205,15 @@ def test_a_command_names_the_file_of_a_fit_or_makes_it_first(workshop: Workshop,
     assert f"--out {name} &&" in workshop.steps.repeatable(report_step(name, [], [], "r.html"), [one.key]).command
 
 
+def test_what_a_fit_says_names_the_actuator_as_its_commands_do(workshop: Workshop, jobs: list[Job]) -> None:
+    """Not the file in which a worker keeps a fit that is not saved, nor the folder of the lab."""
+    one = end(workshop.identify(asked("fit 1")))
+    workshop.identify(asked("fit 2", one.key))
+    write_actuator(load_actuator("friend-2"), workshop.lab.root / "mine.toml")
+    workshop.identify(asked("fit 3", "mine.toml+leak.cubic"))
+    assert [job.arguments["named"] for job in jobs] == ["friend-2", "fit-1.toml", "mine.toml+leak.cubic"]
+
+
 def test_a_fit_that_started_from_fits_that_are_not_saved_can_be_repeated(
     workshop: Workshop, monkeypatch: pytest.MonkeyPatch
 ) -> None:

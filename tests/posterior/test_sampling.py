@@ -68,6 +68,18 @@ def test_chains_that_do_not_agree_are_told() -> None:
         assert any(word in text for text in bent.complaints), word
 
 
+@pytest.mark.parametrize("count", [1, 2])
+def test_walkers_that_begin_where_nothing_is_possible_are_told_by_the_chains_alone(count: int) -> None:
+    """emcee warned of each comparison of two impossible places, on the terminal of its user."""
+
+    def narrow(vectors: Array) -> Array:
+        return np.where(np.abs(vectors).max(axis=1) < 3e-6, 0.0, -np.inf)
+
+    names = ["a", "b"][:count]
+    found = sample(narrow, Straight(np.zeros(count), np.eye(count)), names, seed=20261127, steps=400)
+    assert not found.judgement.agrees
+
+
 def test_two_ensembles_in_two_places_do_not_agree_and_neither_does_one_walker_that_is_stuck() -> None:
     generator = np.random.default_rng(20261121)
     chains = generator.standard_normal((20, 500, 1))

@@ -65,7 +65,14 @@ def opened(path: Path) -> tuple[zipfile.ZipFile, dict[str, dict[str, Any]]]:
 
 
 def test_every_file_is_there_unchanged_and_described(folder: Path, tmp_path: Path) -> None:
-    export_crate(folder, tmp_path / "crate.zip", title="A strip", people=[ADA], organisation="Example University")
+    export_crate(
+        folder,
+        tmp_path / "crate.zip",
+        title="A strip",
+        licence="CC-BY-4.0",
+        people=[ADA],
+        organisation="Example University",
+    )
     archive, entities = opened(tmp_path / "crate.zip")
     context = json.loads(archive.read("ro-crate-metadata.json"))["@context"]
     assert any("sha256" in one for one in context if isinstance(one, dict))  # or nobody knows what it means
@@ -115,7 +122,14 @@ def test_what_the_profile_requires(folder: Path, tmp_path: Path) -> None:
 
 
 def test_who_recorded_what_with_what(folder: Path, tmp_path: Path) -> None:
-    export_crate(folder, tmp_path / "crate.zip", title="A strip", people=[ADA, "Bo Example"], organisation="Example")
+    export_crate(
+        folder,
+        tmp_path / "crate.zip",
+        title="A strip",
+        licence="CC-BY-4.0",
+        people=[ADA, "Bo Example"],
+        organisation="Example",
+    )
     _, entities = opened(tmp_path / "crate.zip")
     actions = {one["result"]["@id"]: one for one in entities.values() if one["@type"] == "CreateAction"}
     recorded = actions["step.nc"]
@@ -135,7 +149,7 @@ def test_names_of_any_script_and_equal_files(folder: Path, tmp_path: Path) -> No
     for name, operator in (("erster Lauf.nc", "Öse, B."), ("zweiter.nc", "李"), ("dritter.nc", "Ada <not an address>")):
         write_run(replace(run, metadata=replace(run.metadata, operator=operator)), place / name)
     (place / "again.nc").write_bytes((place / "zweiter.nc").read_bytes())
-    export_crate(place, tmp_path / "crate.zip", title="Names")
+    export_crate(place, tmp_path / "crate.zip", title="Names", licence="CC-BY-4.0")
     archive, entities = opened(tmp_path / "crate.zip")
     actions = [one for one in entities.values() if one["@type"] == "CreateAction"]
     assert len({one["result"]["@id"] for one in actions}) == 4
@@ -146,7 +160,7 @@ def test_names_of_any_script_and_equal_files(folder: Path, tmp_path: Path) -> No
 
 
 def test_the_tables_say_what_runs_and_fits_say(folder: Path, tmp_path: Path) -> None:
-    export_crate(folder, tmp_path / "crate.zip", title="A strip")
+    export_crate(folder, tmp_path / "crate.zip", title="A strip", licence="CC-BY-4.0")
     archive, _ = opened(tmp_path / "crate.zip")
 
     def rows(name: str) -> list[dict[str, str]]:
@@ -167,10 +181,10 @@ def test_the_tables_say_what_runs_and_fits_say(folder: Path, tmp_path: Path) -> 
 
 def test_the_same_folder_gives_the_same_bytes_and_a_crate_a_crate(folder: Path, tmp_path: Path) -> None:
     for name in ("one.zip", "other.zip"):
-        export_crate(folder, tmp_path / name, title="A strip")
+        export_crate(folder, tmp_path / name, title="A strip", licence="CC-BY-4.0")
     assert (tmp_path / "one.zip").read_bytes() == (tmp_path / "other.zip").read_bytes()
     zipfile.ZipFile(tmp_path / "one.zip").extractall(tmp_path / "back")
-    export_crate(tmp_path / "back", tmp_path / "again.zip", title="A strip")
+    export_crate(tmp_path / "back", tmp_path / "again.zip", title="A strip", licence="CC-BY-4.0")
     sums = [zipfile.ZipFile(tmp_path / name).read("manifest-sha256.txt") for name in ("one.zip", "again.zip")]
     assert sums[0] == sums[1]
 
@@ -186,7 +200,7 @@ def test_a_name_that_other_computers_cannot_hold_is_refused(tmp_path: Path, name
     except OSError:
         pytest.skip("this file system has no such name")
     with pytest.raises(InputError, match="other computers cannot hold a file with the name"):
-        export_crate(tmp_path / "runs", tmp_path / "crate.zip", title="Names")
+        export_crate(tmp_path / "runs", tmp_path / "crate.zip", title="Names", licence="CC-BY-4.0")
 
 
 def test_no_file_is_lost_to_a_crate(folder: Path, tmp_path: Path) -> None:
@@ -197,9 +211,9 @@ def test_no_file_is_lost_to_a_crate(folder: Path, tmp_path: Path) -> None:
     (place / "step.nc").write_bytes(run)
     (tmp_path / "crate.zip").symlink_to(place / "step.nc")
     with pytest.raises(InputError, match="exists already"):  # before anything is read
-        export_crate(tmp_path / "no such folder", tmp_path / "crate.zip", title="A strip")
+        export_crate(tmp_path / "no such folder", tmp_path / "crate.zip", title="A strip", licence="CC-BY-4.0")
     with pytest.raises(InputError, match="which is read here"):
-        export_crate(place, tmp_path / "crate.zip", title="A strip", overwrite=True)
+        export_crate(place, tmp_path / "crate.zip", title="A strip", licence="CC-BY-4.0", overwrite=True)
     assert (place / "step.nc").read_bytes() == run
 
 
@@ -217,14 +231,24 @@ def test_no_file_is_lost_to_a_crate(folder: Path, tmp_path: Path) -> None:
 )
 def test_what_is_refused(folder: Path, tmp_path: Path, asked: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError) as caught:
-        export_crate(folder, tmp_path / "crate.zip", **{"title": "A strip", **asked})
+        export_crate(folder, tmp_path / "crate.zip", **{"title": "A strip", "licence": "CC-BY-4.0", **asked})
     assert re.search(message, f"{caught.value.message}; {caught.value.repair}")
     assert not list(tmp_path.iterdir())
     # What the message asks for is taken.
     if caught.value.code == "bad-name":
         told = caught.value.repair.split("'")[1].replace("...", "example")
         asked = {name: [told] if isinstance(value, list) else told for name, value in asked.items()}
-        export_crate(folder, tmp_path / "crate.zip", title="A strip", **asked)
+        export_crate(folder, tmp_path / "crate.zip", title="A strip", licence="CC-BY-4.0", **asked)
+
+
+def test_nobody_chooses_the_licence_but_who_publishes(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from ipmclab.cli.app import run
+
+    assert run(["export", str(folder), "--to", "ro-crate", "--out", str(tmp_path / "crate.zip")]) == 2
+    assert "--licence: no licence is given; add the licence under which" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
 
 
 def test_places_that_are_refused(folder: Path, tmp_path: Path) -> None:
@@ -236,13 +260,14 @@ def test_places_that_are_refused(folder: Path, tmp_path: Path) -> None:
         (folder, Path(), "this is a folder; name a file in it"),
     ):
         with pytest.raises(InputError, match=message):
-            export_crate(given, path, title="A strip")
+            export_crate(given, path, title="A strip", licence="CC-BY-4.0")
 
 
 def test_at_the_command_line(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     from ipmclab.cli.app import run
 
     words = ["export", str(folder), "--to", "ro-crate", "--out", str(tmp_path / "crate.zip"), "--person", ADA]
+    words += ["--licence", "CC-BY-4.0"]
     assert run([*words, "--title", "A strip", "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
     assert "step.nc" in document["files"]
@@ -256,7 +281,7 @@ def test_a_table_of_other_runs_is_not_published_as_theirs(folder: Path, tmp_path
     (place / "step.nc").write_bytes((folder / "step.nc").read_bytes())
     (place / "tables" / "runs.csv").write_text("run\nanother\n")
     with pytest.raises(InputError, match="not that of the runs in its folder"):
-        export_crate(place, tmp_path / "crate.zip", title="Steps")
+        export_crate(place, tmp_path / "crate.zip", title="Steps", licence="CC-BY-4.0")
 
 
 def test_it_is_made_where_it_goes_and_nothing_else_is_left_there(
@@ -265,5 +290,5 @@ def test_it_is_made_where_it_goes_and_nothing_else_is_left_there(
     """The folder of the system for temporary files may be too small for it, or on another disk."""
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "nowhere"))
     (tmp_path / "here").mkdir()
-    export_crate(folder, tmp_path / "here" / "crate.zip", title="Here")
+    export_crate(folder, tmp_path / "here" / "crate.zip", title="Here", licence="CC-BY-4.0")
     assert [one.name for one in (tmp_path / "here").iterdir()] == ["crate.zip"]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from ipmclab.errors import InputError, IpmclabError
-from ipmclab.rig.bench import Bench, Block
+from ipmclab.rig.bench import Bench, BenchError, Block
 from ipmclab.rig.channels import THESIS_RIG
 from ipmclab.rig.experiments import archive as archive_module
 from ipmclab.rig.experiments.archive import Recorded
@@ -94,6 +94,20 @@ def make(folder: Path, desk: Desk, bench: Bench | None = None, **changes: Any) -
 
 def runs_of(recorded: Sequence[Recorded]) -> list[Run]:
     return [read_run(one.path) for one in recorded]
+
+
+def test_a_bench_that_is_not_there_is_found_before_the_first_step(tmp_path: Path) -> None:
+    """It was found at the first recording, with the strip out of its water and in the clamp."""
+
+    class Absent(VirtualBench):
+        def open(self, measured: Collection[str], rate: float) -> None:
+            raise BenchError("nothing answers", code="bench-unreachable")
+
+    desk = Desk()
+    with pytest.raises(BenchError, match="nothing answers"):
+        make(tmp_path, desk, Absent(), steps=None).run()
+    assert not desk.asked
+    assert "step" not in [message.kind for message in desk.told]
 
 
 def test_every_step_of_the_thesis(tmp_path: Path) -> None:

@@ -44,7 +44,7 @@ def test_the_hold_of_a_foreign_record_is_unknown_unless_stated() -> None:
     ("path", "value", "message"),
     [
         ("sampling_peroid", "1 s", r"sampling_peroid: unknown key 'sampling_peroid'; did you mean 'sampling_period'\?"),
-        ("sampling_period", "40", r"sampling_period: '40' has no unit; write for example '40 s'"),
+        ("sampling_period", "40", r"sampling_period: '40' has no unit; write for example '20 ms'"),
         ("sampling_period", "40 mm", "sampling_period: '40 mm' is not a time: the unit 'mm' is not one of s, ms"),
         ("sampling_period", "0 s", "sampling_period: '0 s' is not above 0"),
         (

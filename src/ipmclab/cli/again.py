@@ -137,8 +137,11 @@ def _fitted(actuator: str, runs: list[Path], names: Lists, ask: Callable[[Fit, O
 
 
 def _freed(fit: Fit) -> tuple[list[str], list[str], list[str]]:
-    """What a fit had freed, and of that what each run and each mounting had for itself."""
-    places = [name.partition("[")[::2] for name in fit.parameters]
+    """What a fit had freed by name, and of that what each run and each mounting had for itself."""
+    from ipmclab.identification.problem.free import is_named
+
+    parts = [name.partition("[")[::2] for name in fit.parameters]
+    places = [(name, place) for name, place in parts if is_named(name)]
     return (
         list(dict.fromkeys(name for name, _ in places)),
         list(dict.fromkeys(name for name, place in places if place and not place.startswith("mounting "))),

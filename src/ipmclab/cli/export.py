@@ -9,7 +9,7 @@ import typer
 
 from ipmclab.cli.files import actuator_files, check_output, fit_or_actuator, means_actuator, read_runs
 from ipmclab.cli.options import Force, Json
-from ipmclab.cli.output import print_json, progress
+from ipmclab.cli.output import print_json, print_remarks, progress
 from ipmclab.errors import InputError, suggest
 from ipmclab.platform import as_typed
 
@@ -29,7 +29,9 @@ def export(
         typer.Option(metavar="TOOL", help="matlab: an actuator as .m with its .mat. ro-crate: a folder as a .zip."),
     ] = None,
     title: Annotated[str | None, typer.Option(metavar="TEXT", help="Of an RO-Crate: what the data are.")] = None,
-    licence: Annotated[str, typer.Option(metavar="SPDX", help="Of an RO-Crate: its licence.")] = "CC-BY-4.0",
+    licence: Annotated[
+        str | None, typer.Option(metavar="SPDX", help="Of an RO-Crate: its licence, such as CC-BY-4.0.")
+    ] = None,
     person: Annotated[
         list[str] | None, typer.Option(metavar="NAME", help="Of an RO-Crate: 'Ada Example <0000-0002-1825-0097>'.")
     ] = None,
@@ -42,7 +44,7 @@ def export(
     \b
     ipmclab export step.nc --out step.csv
     ipmclab export fitted.toml --to matlab --out strip.m
-    ipmclab export runs --to ro-crate --out runs.zip --title "Steps of strip 1" --person "Ada Example"
+    ipmclab export runs --to ro-crate --out runs.zip --title "Steps" --licence CC-BY-4.0 --person "Ada Example"
     """
     _refuse_other_kind(what, to)
     if to == "ro-crate":
@@ -83,6 +85,7 @@ def _refuse_other_kind(what: str, to: str | None) -> None:
         return  # who reads it says what is wrong with it
     if needs != to:
         tool = "" if needs is None else f" --to {needs}"
+        tool += " --licence CC-BY-4.0" if needs == "ro-crate" else ""
         raise InputError(
             f"this is {kind}",
             code="wrong-kind",
@@ -106,14 +109,17 @@ def _export_actuator(name: str, out: Path, to: str, *, force: bool, as_json: boo
     from ipmclab import export_actuator
     from ipmclab.destination import keep_what_is_read
     from ipmclab.fit.fit import Fit
+    from ipmclab.model.left_open import open_sentence
 
     given = fit_or_actuator(name)
     actuator, covariance = (given.actuator, given.covariance) if isinstance(given, Fit) else (given, {})
     keep_what_is_read(out, actuator_files(name), where=f"--out {out}")
+    doubts = [said] if (said := open_sentence(actuator)) else []
     written = export_actuator(actuator, out, to=to, covariance=covariance, overwrite=force)
     if as_json:
-        print_json({"actuator": name, "to": to, "out": out, "written": written})
+        print_json({"actuator": name, "to": to, "out": out, "written": written, "warnings": doubts})
     else:
+        print_remarks(doubts, "warning")
         print(f"wrote {' and '.join(str(path) for path in written)}")
 
 
@@ -121,7 +127,7 @@ def _export_crate(
     folder: str,
     out: Path,
     title: str | None,
-    licence: str,
+    licence: str | None,
     *,
     people: list[str],
     organisation: str,
@@ -133,6 +139,14 @@ def _export_crate(
 
     from ipmclab import export_crate
 
+    if licence is None:
+        raise InputError(
+            "no licence is given",
+            code="no-licence",
+            where="--licence",
+            repair="add the licence under which the data are published, by its SPDX name, such as --licence CC-BY-4.0, "
+            "or its address",
+        )
     with progress(f"writing {out.name}"):
         export_crate(
             folder,

@@ -246,8 +246,9 @@ def counting(what: str) -> Iterator[Callable[[int, int], None]]:
 def progress(what: str, *, answering: bool = False) -> Iterator[Callable[[str, float], None]]:
     """Say on a terminal what is being done, until it is done.
 
-    Long work calls the function that is given with a sentence and the fraction that is done. The first answer of a fit
-    is shown above that where the verb is ``answering`` with that fit.
+    Long work calls the function that is given with a sentence and the fraction that is done. The fraction comes first:
+    a narrow terminal cuts the end of the line. The first answer of a fit is shown above that where the verb is
+    ``answering`` with that fit.
     """
     if not sys.stderr.isatty():
         yield lambda *_: None
@@ -258,4 +259,4 @@ def progress(what: str, *, answering: bool = False) -> Iterator[Callable[[str, f
         status.console.print(first_answer(fit))
 
     with console(stderr=True).status(what) as status, first_answer_to(above) if answering else nullcontext():
-        yield lambda sentence, done: status.update(f"{what}: {sentence} ({100.0 * done:.0f} %)")
+        yield lambda sentence, done: status.update(f"{100.0 * done:.0f} % {what}: {sentence}")

@@ -61,6 +61,7 @@ def simulate(
     ipmclab simulate friend-2 --signal "step 1 V" --duration "40 s" --rate "50 Hz" --out step.nc
     """
     from ipmclab import load_actuator, signals, write_run
+    from ipmclab.model.left_open import open_sentence
     from ipmclab.model.simulate import simulate as simulate_actuator
     from ipmclab.model.validity import sentence
 
@@ -83,6 +84,8 @@ def simulate(
         write_run(run, out, overwrite=force)
 
     sentences = [sentence(finding) for finding in run.metadata.findings]
+    if doubt := open_sentence(model):
+        sentences.append(doubt)
     if changes and model.fit_table is not None:
         sentences.append(
             "how sure this answer is, is known for constant environments only; simulate one of them for its interval"

@@ -15,6 +15,7 @@ import numpy as np
 
 from ipmclab.destination import replacing
 from ipmclab.model import Actuator, simulate
+from ipmclab.model.left_open import open_sentence
 from ipmclab.model.numerics.reduce import small_signal
 from ipmclab.model.ports import OUTPUTS
 from ipmclab.run import FloatArray
@@ -164,6 +165,8 @@ def _script(
         f"% {' '.join(actuator.name.split())}: an IPMC strip, written by ipmclab {__version__}. Units are SI.",
         "% The names are those of appendix A.1 of the thesis of Friend, whose Simulink model runs on them.",
     ]
+    if doubt := open_sentence(actuator):
+        lines.append(f"% {doubt[0].upper()}{doubt[1:]}.")
     if actuator.system.law_ports is not None:
         lines.append("% Its leak is in A, B, C, D with its slope at 0 V: they hold for small voltages.")
     if actuator.structure.environment:

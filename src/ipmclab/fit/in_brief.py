@@ -319,7 +319,8 @@ def _plain(finding: Finding) -> str:
         case "large-bending" if "drift" in values:
             reached, limit = (f"{1e3 * float(values[key] or 0.0):.4g} mm" for key in ("largest_displacement", "limit"))
             return (
-                f"without its sensor's drift the displacement reaches {reached}, more than a small bending of {limit}"
+                f"without its sensor's drift the predicted displacement reaches {reached}, more than a small bending "
+                f"of {limit}"
             )
         case "sampling-period-unknown" if "period" in values:
             return (

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -13,6 +13,7 @@ from ipmclab.errors import InputError
 from ipmclab.fit.fit import Fit
 from ipmclab.model import Actuator
 from ipmclab.model.declared import stage_outputs
+from ipmclab.model.left_open import entries_of, first_of, open_names
 from ipmclab.model.stages.relaxation import mode_ratios
 from ipmclab.prediction.open_coupling import NOT_IDENTIFIED, open_coupling
 from ipmclab.run import Finding
@@ -24,7 +25,6 @@ _OLD: Final = 0.1
 _FEW_ROWS: Final = 5  # rows that are never called old (convention)
 _TOO_OLD: Final = 10.0
 """Seconds, or the horizon where that is longer, beyond which nothing is forecast any more (a limit)."""
-_LISTED: Final = 6  # names that a sentence lists (convention)
 
 
 def left_open(model: Actuator | Fit | None, channel: str) -> tuple[str, ...]:
@@ -42,24 +42,16 @@ def left_open(model: Actuator | Fit | None, channel: str) -> tuple[str, ...]:
         open_ones = [name for name, one in model.parameters.items() if not one.determined]
         known = model.actuator.parameter_values
     else:
-        open_ones = [one["name"] for one in _entries(model.fit_table) if not one.get("determined", True)]
-        known = model.parameter_values
+        open_ones, known = [*open_names(model)], model.parameter_values
     other = "force" if channel == "displacement" else "displacement"
     return tuple(name for name in open_ones if name in known and stage_outputs(name) != (other,))
 
 
 def circuit_alone(actuator: Actuator) -> list[Finding]:
     """A finding where the fit that an actuator carries asked for nothing that moves the strip."""
-    names = [str(one["name"]) for one in _entries(actuator.fit_table)]
+    names = [str(one["name"]) for one in entries_of(actuator.fit_table)]
     of_circuit = all(stage_outputs(name) == ("current",) for name in names if name in actuator.parameter_values)
     return [one for one in open_coupling(actuator) if one.code == NOT_IDENTIFIED] if names and of_circuit else []
-
-
-def _entries(table: Mapping[str, Any] | None) -> list[Mapping[str, Any]]:
-    """The parameters of a ``[fit]`` table, which may have been written by hand: what is no parameter says nothing."""
-    found = (table or {}).get("parameters")
-    each = found if isinstance(found, Sequence) else ()
-    return [one for one in each if isinstance(one, Mapping) and isinstance(one.get("name"), str)]
 
 
 def without_open_ratios(actuator: Actuator, channel: str, names: Sequence[str]) -> tuple[Actuator, tuple[str, ...]]:
@@ -75,24 +67,20 @@ def undetermined_finding(names: Sequence[str], ratios: Sequence[str]) -> Finding
     as_they_are = [name for name in names if name not in ratios]
     lines = []
     if ratios:
-        lines.append(f"{_some(ratios)} counted as 0")
+        lines.append(f"{first_of(ratios)} counted as 0")
     if as_they_are:
         lines.append(
-            f"{_some(as_they_are)} stay as they are: the actuator counts by what it missed earlier in this record, but "
-            "a change of voltage beyond the origin is answered with them"
+            f"{first_of(as_they_are)} stay as they are: the actuator counts by what it missed earlier in this record, "
+            "but a change of voltage beyond the origin is answered with them"
         )
     return Finding(
         "model-undetermined",
         "warning",
         f"the runs of the fit did not determine {len(names)} of its parameters: {'; '.join(lines)}",
-        "forecast with a fit of fewer parameters, and compare it with forecast(None, run, ...)",
+        "forecast with a fit of fewer parameters, and compare it with the forecast without an actuator: "
+        "ipmclab forecast - RUN, in Python forecast(None, run)",
         values={"undetermined": len(names)},
     )
-
-
-def _some(names: Sequence[str]) -> str:
-    more = len(names) - _LISTED
-    return ", ".join(names[:_LISTED]) + (f" and {more} more" if more > 0 else "")
 
 
 def age_finding(time: FloatArray, used: npt.NDArray[np.bool_], horizon: float, channel: str) -> Finding | None:
@@ -147,7 +135,7 @@ def reach_finding(time: FloatArray, mean: FloatArray, free_length: float) -> Fin
 
 def table_without(table: dict[str, Any] | None, gone: Sequence[str]) -> dict[str, Any] | None:
     """A ``[fit]`` table without some parameters: what it says of the others, of its runs and findings, stays."""
-    entries, rows = _entries(table), (table or {}).get("correlations")
+    entries, rows = entries_of(table), (table or {}).get("correlations")
     if table is None or not isinstance(rows, Sequence):
         return None
     if [len(row) if isinstance(row, Sequence) else 0 for row in rows] != len(entries) * [len(entries)]:

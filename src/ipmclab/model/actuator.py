@@ -58,6 +58,9 @@ class Actuator(Shown):
     environment_laws : tuple of EnvironmentLaw
         How parameters follow the environment by functions of your own, for ``at``. A file does not hold them; the laws
         of the literature are parameters (``environment.laws``).
+    loaded_as : str
+        What ``load_actuator`` was given for it, with the stages added since, so that messages can name it; no part of
+        its file.
 
     Raises
     ------
@@ -81,6 +84,7 @@ class Actuator(Shown):
     sample: Sample | None = None
     fit_table: dict[str, Any] | None = None
     environment_laws: tuple[EnvironmentLaw, ...] = ()
+    loaded_as: str = ""
 
     def __post_init__(self) -> None:
         given = dict(self.parameter_values)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from importlib import resources
 from os.path import exists, isfile  # False, where those of Path raise for a name that is too long
 from pathlib import Path
@@ -64,7 +65,7 @@ def load_actuator(name_or_path: str | Path) -> Actuator:
     """
     if isinstance(name_or_path, str) and name_or_path in library_names():
         text = (_LIBRARY / f"{name_or_path}.toml").read_text(encoding="utf-8")
-        return actuator_from_text(text, where=name_or_path)
+        return replace(actuator_from_text(text, where=name_or_path), loaded_as=name_or_path)
     path = Path(name_or_path)
     if isinstance(name_or_path, str) and "+" in name_or_path and not exists(path):
         base, stages = stages_after(name_or_path)
@@ -77,7 +78,8 @@ def load_actuator(name_or_path: str | Path) -> Actuator:
         where="actuator",
         repair=f"choose one of {', '.join(states)}" if states else suggest(str(name_or_path), library_names()),
     )
-    return actuator_from_text(read_text(path, kind="an actuator", missing=missing), where=str(path))
+    text = read_text(path, kind="an actuator", missing=missing)
+    return replace(actuator_from_text(text, where=str(path)), loaded_as=str(name_or_path))
 
 
 def is_library_name(name: str) -> bool:

@@ -166,7 +166,7 @@ def _bending(actuator: Actuator, run: Run, bending: float) -> list[Finding]:
         Finding(
             "large-bending",
             "warning",
-            f"the displacement reaches {_mm(bending)}, more than {SMALL_BENDING:g} of the free length of "
+            f"the predicted displacement reaches {_mm(bending)}, more than {SMALL_BENDING:g} of the free length of "
             f"{_mm(length)}: the beam is one of small bending",
             "lower the voltage, check the coupling, or add a laser to the actuator, which reads large bending as it is",
             channel="displacement",

@@ -68,7 +68,26 @@ def with_stages(actuator: Actuator, *stages: str) -> Actuator:
         standard_uncertainties={n: u for n, u in actuator.standard_uncertainties.items() if n in chosen},
         sample=actuator.sample,
         environment_laws=tuple(law for law in actuator.environment_laws if law.parameter in chosen),
+        loaded_as=_named(actuator.loaded_as, asked) if actuator.loaded_as else "",
     )
+
+
+def line_of(actuator: Actuator, *stages: str) -> str:
+    """What ``load_actuator`` is given for an actuator with further stages.
+
+    Parameters
+    ----------
+    actuator : Actuator
+    *stages : str
+        As in ``with_stages``.
+
+    Examples
+    --------
+    >>> from ipmclab import load_actuator
+    >>> line_of(load_actuator("friend-2+clamp+relaxation.force"), "relaxation.force=2")
+    'friend-2+clamp+relaxation.force=2'
+    """
+    return _named(actuator.loaded_as or actuator.name, _parse_all(stages))
 
 
 def _counted(names: set[str], prefix: str, count: int) -> set[str]:

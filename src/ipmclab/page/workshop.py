@@ -154,6 +154,7 @@ class Workshop:
         file = self.new_scratch(".toml")
         arguments = {
             "actuator": self.actuator_path(asked.actuator),
+            "named": self.steps.file_name(asked.actuator),
             "runs": [str(self.runs.path(key)) for key in asked.runs],
             "labels": labels(asked.runs),
             "free": asked.free,

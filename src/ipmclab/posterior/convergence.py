@@ -80,7 +80,8 @@ def judge(chains: FloatArray, names: Sequence[str], ensembles: int) -> Judgement
     found = {}
     for number, name in enumerate(names):
         one = chains[:, :, number]
-        time = float(emcee.autocorr.integrated_time(one.T, quiet=True, tol=0, has_walkers=True)[0])
+        with np.errstate(invalid="ignore", divide="ignore"):  # a walker that never moved has no autocorrelation
+            time = float(emcee.autocorr.integrated_time(one.T, quiet=True, tol=0, has_walkers=True)[0])
         found[name] = Convergence(
             r_hat=float(arviz.rhat(_together(one, ensembles))),
             bulk=float(arviz.ess(one)),

@@ -159,10 +159,11 @@ class _Stretched:
     def __call__(self, points: FloatArray) -> list[tuple[float, FloatArray]]:
         """For each point the logarithm, and the vector that it stands for."""
         tick()
-        vectors, logarithms = self._coordinates(points)
-        there = np.isfinite(logarithms)
-        if there.any():
-            logarithms[there] += self._density(vectors[there])
+        with np.errstate(invalid="warn", divide="warn"):  # what is ignored is emcee's alone
+            vectors, logarithms = self._coordinates(points)
+            there = np.isfinite(logarithms)
+            if there.any():
+                logarithms[there] += self._density(vectors[there])
         return list(zip(logarithms.tolist(), vectors, strict=True))
 
     def of_one(self, point: FloatArray) -> float:
@@ -200,7 +201,9 @@ def _walk(stretched: _Stretched, ensemble: _Ensemble) -> tuple[_Ensemble, _Walk]
     ]
     kept_as = [("vector", float, (size,))]
     sampler = emcee.EnsembleSampler(walkers, size, stretched, moves=moves, blobs_dtype=kept_as, vectorize=True)
-    state = sampler.run_mcmc(ensemble.state, _CHUNK, skip_initial_state_check=True)
+    # A walker where nothing is possible stays until a proposal is; emcee compares two such places as inf - inf.
+    with np.errstate(invalid="ignore", divide="ignore"):
+        state = sampler.run_mcmc(ensemble.state, _CHUNK, skip_initial_state_check=True)
     if ensemble.done < _LEARN * _CHUNK:
         ensemble.proposal.learn(sampler.get_chain(discard=_CHUNK // 2, flat=True))
     walk = _Walk(sampler.get_blobs()["vector"], sampler.get_log_prob(), sampler.backend.accepted)

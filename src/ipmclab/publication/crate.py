@@ -48,7 +48,7 @@ def export_crate(
     path: str | os.PathLike[str],
     *,
     title: str,
-    licence: str = "CC-BY-4.0",
+    licence: str,
     people: Sequence[str] = (),
     organisation: str = "",
     description: str = "",
@@ -68,7 +68,7 @@ def export_crate(
         A name that ends in ``.zip``.
     title : str
     licence : str
-        Its SPDX name, such as ``CC-BY-4.0``, or its address.
+        Its SPDX name, such as ``CC-BY-4.0``, or its address; whoever owns the data chooses it.
     people : sequence of str
         Who made the data: ``"Ada Example <0000-0002-1825-0097>"``, the number being an ORCID, or a name alone. The
         operators of the runs where it is left out.
@@ -95,7 +95,7 @@ def export_crate(
     ...     runs = pathlib.Path(place) / "runs"
     ...     runs.mkdir()
     ...     write_run(simulate(load_actuator("friend-2"), "step 1 V", duration=2, rate=50), runs / "step.nc")
-    ...     export_crate(runs, runs.parent / "crate.zip", title="One step")
+    ...     export_crate(runs, runs.parent / "crate.zip", title="One step", licence="CC-BY-4.0")
     ...     sorted(zipfile.ZipFile(runs.parent / "crate.zip").namelist())
     ['manifest-sha256.txt', 'ro-crate-metadata.json', 'step.nc', 'tables/metrics.csv', 'tables/runs.csv']
     """

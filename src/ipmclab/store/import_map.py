@@ -52,6 +52,9 @@ _SHORTEST_PERIOD: Final = 1e-9
 _LONGEST_PERIOD: Final = 1e9
 """Sampling periods [s]: only a slip falls outside."""
 
+EXAMPLE_PERIOD: Final = "20 ms"
+"""Of a sampling period: 40 may be ms as well as 0.04 may be s, so that no message repeats the number."""
+
 Column = int | str
 """A column by its name, or by its number counted from 0."""
 
@@ -203,7 +206,7 @@ class ImportMap(Strict):
         """The stated sampling period [s]."""
         if self.sampling_period is None:
             return None
-        return parse_quantity(self.sampling_period, TIME, where="sampling_period")
+        return parse_quantity(self.sampling_period, TIME, where="sampling_period", example=EXAMPLE_PERIOD)
 
     def run_metadata(self) -> RunMetadata:
         """The metadata that the map states, sample included."""

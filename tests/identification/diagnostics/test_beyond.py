@@ -91,7 +91,7 @@ def test_bending_is_told_without_the_drift_of_its_sensor_which_a_figure_shows(dr
     (said,) = (finding for finding in fit.findings if finding.code == "large-bending")
     reached = said.values["largest_displacement"]
     assert reached == pytest.approx(0.3 * FRIEND["geometry.free_length"], rel=0.02)
-    assert ("without the drift of its sensor the displacement" in said.message) is bool(drift)
+    assert ("without the drift of its sensor the predicted displacement" in said.message) is bool(drift)
     (line,), _ = in_brief([said], ["displacement"], [fit.observations[0].label])
     assert ("without its sensor's drift" in line.text) is bool(drift)
     assert f"reaches {1e3 * float(str(reached)):.4g} mm" in line.text

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -13,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.signal import lfilter
 
-from ipmclab import Fit, Run, identify, load_actuator, read_fit, report, simulate, write_fit
+from ipmclab import Fit, Run, identify, load_actuator, read_fit, report, simulate, write_actuator, write_fit
 from ipmclab.errors import InputError
 from ipmclab.fit.in_brief import in_brief
 from ipmclab.fit.output_diagnosis import WORDS, OutputDiagnosis
@@ -116,6 +117,21 @@ def test_a_third_branch_is_missed_and_named(lacking: Fit) -> None:
     assert float(said.values["explained"]) > 0.9  # type: ignore[arg-type]
     assert {one.verdict for one in lacking.diagnoses} == {"follows the voltage"}
     assert max(abs(value) for one in lacking.diagnoses for value in one.with_voltage) > lacking.diagnoses[0].band
+
+
+def test_the_richer_model_is_named_as_it_is_loaded(tmp_path: Path) -> None:
+    """The file that was fitted, not the name inside it; and each stage once, with its new count."""
+    write_actuator(replace(FRIEND, name="nuaa"), tmp_path / "1V.toml")
+    given = load_actuator(f"{tmp_path / '1V.toml'}+branches=2+line.modes")
+    strip = with_stages(given, "branches=3").replace(
+        **{"circuit.branches.2.resistivity": 30.0, "circuit.branches.2.permittivity": 0.02}
+    )
+    generator = np.random.default_rng(SEED)
+    fit = identify(given, [record(strip, signal, generator) for signal in ("step 1 V", "sine 1 V 0.1 Hz")])
+    (said,) = (finding for finding in fit.findings if finding.code == "stage-missing")
+    named = said.repair.split()[1]
+    assert said.repair.startswith(f"identify {tmp_path / '1V.toml'}+line.modes+branches=3 ")
+    assert set(load_actuator(named).parameter_values) == set(strip.parameter_values)
 
 
 @pytest.mark.parametrize(

@@ -15,6 +15,7 @@ from ipmclab.identification.solved import Estimate
 from ipmclab.model import Actuator
 from ipmclab.model.declared import MOTION, in_group
 from ipmclab.model.kinds import kind_named
+from ipmclab.model.variants import line_of
 from ipmclab.run import Finding
 
 
@@ -89,9 +90,9 @@ def _missing(actuator: Actuator, chosen: Sequence[Tried], fixed: str) -> Finding
     output = max(own, key=lambda one: best.shares[one])
     explained = best.shares[output]
     also = "".join(f"; as well, {kind_named(one.stage).shows}: {one.stage}" for one in others)
-    models = " or ".join(f"{actuator.name}+{one.stage}" for one in chosen)
+    models = " or ".join(line_of(actuator, one.stage) for one in chosen)
     free = dict.fromkeys(group for one in chosen if (group := kind_named(one.stage).group))
-    with_free = f" with {' or '.join(free)} free" if free else ""
+    with_free = f" with {' or '.join(free)} free too" if free else ""
     return Finding(
         "stage-missing",
         "warning",

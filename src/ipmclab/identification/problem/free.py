@@ -22,6 +22,17 @@ OBSERVATION_NAMES: Final = tuple(
 _PLACE = re.compile(r"\[\d+\]$")
 
 
+def is_named(base: str) -> bool:
+    """Whether a parameter of a fit is freed by its name; else it is found without being named, as a delay is.
+
+    Parameters
+    ----------
+    base : str
+        Of any run or mounting, without its place.
+    """
+    return not base.startswith("observation.") or base in OBSERVATION_NAMES
+
+
 @dataclass(frozen=True)
 class Prior:
     """What is known of a parameter beforehand.

@@ -24,11 +24,11 @@ from ipmclab.page.jobs.jobs import JobCancelled
 from ipmclab.page.lab import plain_name
 from ipmclab.page.sections.parts import card, fail_at, finding_bands, finding_list, sentence, step_view, text
 from ipmclab.page.workshop import Workshop
+from ipmclab.store.import_map import EXAMPLE_PERIOD
 from ipmclab.units import CHANNELS
 
 ENDINGS: Final = (".csv", ".txt", ".dat", ".gz", ".xlsx", ".mat", ".tdms", ".lvm")
 
-_PERIOD: Final = "20 ms"
 _SKIP: Final = "file.skip_lines"
 _MOUNTING: Final = "metadata.mounting_id"
 
@@ -85,8 +85,6 @@ def repair_in_a_form(error: IpmclabError, where: str, *, is_text: bool) -> str:
     is_typed = where.startswith("channels.") or where.endswith("sampling_period")
     if error.code in _MARKS and not is_typed:
         return _MARKS[error.code] if is_text else "correct it in a copy of the file: its numbers have a decimal point"
-    if error.code == "missing-unit" and where.endswith("sampling_period"):
-        return f"write for example '{_PERIOD}'"  # with its unit 0 would be refused next
     if error.code in _IN_A_FORM and (error.code != "missing-key" or where == "channels"):
         return _IN_A_FORM[error.code]
     return error.repair
@@ -207,7 +205,7 @@ class _Import:
         self._show_columns()
         with ui.element("div").classes("lab-bar"):
             self._period = ui.input("Sampling period, without a time column").props(
-                f"dense outlined stack-label placeholder='{_PERIOD}'"
+                f"dense outlined stack-label placeholder='{EXAMPLE_PERIOD}'"
             )
             self._hold = ui.select(_HOLDS, value="unknown", label="The voltage between rows")
             self._hold.props("dense outlined options-dense")

@@ -146,13 +146,15 @@ class Session:
         Raises
         ------
         InputError
-            An environment that never settles, before the strip had any voltage.
+            What the bench cannot read or do, before the first step; an environment that never settles, before the strip
+            had any voltage.
         IpmclabError
-            The hardware or the disk failed; ``recorded`` has what was kept.
+            The hardware is not there, before the first step; it or the disk failed: ``recorded`` has what was kept.
         """
         if self._experiment.fingerprint and not any(step.name == "fingerprint" for step in self._plan.steps):
             self.note("no fingerprint is taken: the current is not among what is measured")
         try:
+            self._find_bench()
             for step in self._plan.steps:
                 if self._requests.is_over():
                     break
@@ -169,6 +171,12 @@ class Session:
             for text in self._requests.unheard:
                 self.note(f"{text!r} came after the last run: it is noted in none")
         return self.recorded
+
+    def _find_bench(self) -> None:
+        """A bench that does not answer is found before anybody takes the strip out of its water."""
+        for run in self._plan.runs[:1]:
+            self._bench.open(run.measured, run.rate)
+            self._bench.close()
 
     def _safe(self) -> None:
         """Output to 0 V, whatever happened; a second failure must not hide the first."""

@@ -11,7 +11,7 @@ from ipmclab.run import FloatArray
 from ipmclab.store.guess.inquiry import Column, Inquiry
 from ipmclab.store.guess.question import Question
 from ipmclab.store.guess.readings import find_dates
-from ipmclab.store.import_map import MAPPED
+from ipmclab.store.import_map import EXAMPLE_PERIOD, MAPPED
 
 _FEW_DUPLICATES: Final = 0.05  # of the rows: more is a clock that is coarser than the rows
 _DAYS: Final = (
@@ -65,7 +65,7 @@ def _may_be_time(column: Column) -> bool:
 
 
 def _ask_period(inquiry: Inquiry, text: str) -> None:
-    answer = inquiry.ask(Question("sampling_period", text, example="20 ms"))
+    answer = inquiry.ask(Question("sampling_period", text, example=EXAMPLE_PERIOD))
     if answer:
         inquiry.table["sampling_period"] = answer
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from ipmclab.page.jobs.frames import Frame
@@ -16,7 +17,8 @@ if TYPE_CHECKING:
 def run(arguments: dict[str, Any], progress: Progress) -> Frame:
     """Identify ``actuator`` from the files ``runs`` (``labels``), as the command does; the fit is written to ``out``.
 
-    ``free``, ``per_run``, ``per_mounting`` and ``prior`` are lists of names.
+    ``free``, ``per_run``, ``per_mounting`` and ``prior`` are lists of names; ``named`` is the actuator as messages name
+    it.
 
     Raises
     ------
@@ -31,7 +33,8 @@ def run(arguments: dict[str, Any], progress: Progress) -> Frame:
     from ipmclab.workflows.fitting import fit_of_runs
 
     progress("reading the runs", 0.0)
-    actuator = load_actuator(arguments["actuator"])
+    given = arguments["actuator"]
+    actuator = replace(load_actuator(given), loaded_as=arguments.get("named", given))
     runs = read_runs(arguments["runs"])
     with first_answer_to(lambda found: progress("the first answer", first=rows_of(first_rows(found)))):
         fit = fit_of_runs(
