@@ -325,9 +325,9 @@ def test_a_current_beside_the_voltage(read: Read, signal: str, rows: int) -> Non
     # What is read before the edge that it answers to is no reading of the strip at rest.
     assert finding.effect == ("mask" if rows > 0 else "none")
     assert all(stop - start == rows for start, stop in finding.samples)
-    assert ("so the hold 'zero' that is stated cannot be right" in finding.message) == (rows > 0)
+    assert ("or the hold 'zero' is not right" in finding.message) == (rows > 0)
     foreign = only(replace(run, current=run.current[place], hold="unknown"), "channel-skew")
-    assert "cannot be right" not in foreign.message
+    assert "is not right" not in foreign.message
     assert "give the run" not in foreign.repair  # it has that hold already
     assert foreign.effect == "none"  # a fit finds when the edge was
 

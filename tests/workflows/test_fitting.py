@@ -136,7 +136,9 @@ def test_a_fit_that_is_part_of_more_ends_that_when_it_is_interrupted(runs: list[
         list(fit_strips({"a": runs, "b": runs}, Asked(STRIP, FREE)))
 
 
-@pytest.mark.parametrize(("what", "factor"), [("current", 1000.0), ("current", 0.001), ("time", 1000.0)])
+@pytest.mark.parametrize(
+    ("what", "factor"), [("current", 1000.0), ("current", 0.001), ("time", 1000.0), ("voltage", 1000.0)]
+)
 def test_a_wrong_unit_is_refused_before_any_search(
     runs: list[Run], monkeypatch: pytest.MonkeyPatch, what: str, factor: float
 ) -> None:

@@ -181,12 +181,16 @@ class Choice(Shown):
                 reason = f"it has the fewest parameters of {of}"
             elif len(close) > 1:
                 reason = f"of {of} it predicted best, and none has fewer parameters"
+            elif self.preferred == self.best:
+                reason = (
+                    f"it predicted best, and no other one is within {AS_CLOSE:g} times the least RMSE of each output"
+                )
             else:
                 reason = f"its RMSE is the least, and that of the others is more than {AS_CLOSE:g} times as large"
             lines.append(f"{self.preferred} is preferred: {reason} ({self[self.preferred].parameters} parameters).")
             lines += [
-                f"{one.name} is not excluded: it predicts worse by {abs(difference.value):.3g} nats, but a few "
-                f"{self.held_out} decide that (standard error {difference.standard_error:.3g})."
+                f"{one.name} is not excluded: it predicts worse by {abs(difference.value):.3g} nats, with a standard "
+                f"error of {difference.standard_error:.3g}."
                 for one, difference in against
                 if one in alike and one.name not in close
             ]

@@ -160,8 +160,8 @@ def _facts_of(run: Run, place: int) -> Iterable[Fact]:
     clipped = {finding.channel for finding in findings if finding.effect == "lower_bound"}
     noise = {finding.channel for finding in findings if finding.code == "noise-only"}
     off = {finding.channel for finding in findings if finding.code == UNIT_OFF}
-    if None in off:
-        return  # with a clock that is off nothing of the run is a fact
+    if off & {None, "voltage"}:
+        return  # with a clock or a voltage that is off nothing of the run is a fact
     noise |= off
     names = {
         ("step", "peak_at_first_edge", "current"): "peak_current",

@@ -46,7 +46,7 @@ def with_cross_checks(fit: Fit, runs: Sequence[Run]) -> Fit:
 
 
 def units_off(actuator: Actuator, run: Run, outputs: Collection[str]) -> list[Finding]:
-    """The ``unit-off`` of the clock of a run and of some of its channels, by the dimensions of the strip.
+    """The ``unit-off`` of the clock, the voltage and some outputs of a run, by the dimensions of the strip.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ def units_off(actuator: Actuator, run: Run, outputs: Collection[str]) -> list[Fi
     run : Run
     outputs : collection of str
     """
-    return [one for one in check(run, actuator) if one.code == UNIT_OFF and one.channel in (None, *outputs)]
+    return [one for one in check(run, actuator) if one.code == UNIT_OFF and one.channel in (None, "voltage", *outputs)]
 
 
 def _said_of_the_file(finding: Finding, fit: Fit, runs: Sequence[Run]) -> Finding:

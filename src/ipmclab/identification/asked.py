@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence, Set
 from os import PathLike
+from typing import Final
 
 import numpy as np
 
@@ -14,8 +15,11 @@ from ipmclab.model import Actuator
 from ipmclab.model.declared import outputs_of, stage_outputs
 from ipmclab.model.given import need_run
 from ipmclab.model.stages.circuit import SERIES
+from ipmclab.quality.noise import noise_level
 from ipmclab.quality.record import NO_VOLTAGE
 from ipmclab.run import Run
+
+_ABOVE_NOISE: Final = 10.0  # times the noise: no white noise reaches it (convention)
 
 
 def given_runs(runs: Sequence[Run] | Run) -> list[Run]:
@@ -115,7 +119,7 @@ def need_readings(
                 where=wanting[0].label if own or len(records) == 1 else "runs",
                 repair="add runs that have it, or fix the parameter",
             )
-    largest = max(float(np.abs(record.run.voltage).max()) for record in records)
+    excited = any(_is_excited(record) for record in records)
     for run, record in zip(given, records, strict=True):
         if run.voltage.any() and not record.run.voltage.any():
             raise InputError(
@@ -124,7 +128,7 @@ def need_readings(
                 where=record.label,
                 repair="clean or tighten the clamp and record the run again, or leave it out",
             )
-        if not record.run.voltage.any() or largest <= NO_VOLTAGE:
+        if not record.run.voltage.any() or not excited:
             raise InputError(
                 f"the voltage is {_how_little(record)}: nothing answers to it",
                 code="no-excitation",
@@ -144,7 +148,13 @@ def need_readings(
 
 def _how_little(record: PreparedRun) -> str:
     largest = float(np.abs(record.run.voltage).max())
-    return f"never above {1e3 * largest:.2g} mV" if largest else "zero throughout"
+    return f"never more than {1e3 * largest:.2g} mV from 0 V, as its noise is" if largest else "zero throughout"
+
+
+def _is_excited(record: PreparedRun) -> bool:
+    """Whether a voltage is more than none: above 10 mV, or above its noise."""
+    voltage = record.run.voltage
+    return float(np.abs(voltage).max()) > min(NO_VOLTAGE, _ABOVE_NOISE * noise_level(voltage))
 
 
 def _shows(record: PreparedRun, channels: Sequence[str]) -> bool:

@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from ipmclab.quality.kept import kept
-from ipmclab.quality.record import RESPONSES, Channel, Record
+from ipmclab.quality.record import NO_VOLTAGE, RESPONSES, Channel, Record
 from ipmclab.run import Finding, FloatArray
 
 if TYPE_CHECKING:
@@ -114,9 +114,9 @@ def wrong_scales(record: Record, noise_only: frozenset[str], actuator: Actuator 
     """
     if not record.excited:
         return []
-    volts = float(np.abs(record.run.voltage).max())
-    if volts > _MOST_VOLTS:
-        return [_voltage(record, volts)]  # every other scale is one per volt
+    volts = np.abs(record.run.voltage)
+    if float(np.median(volts[volts > NO_VOLTAGE])) > _MOST_VOLTS:
+        return [_voltage(record, float(volts.max()))]  # every other scale is one per volt
     scales = kept(record.run, "scales", lambda: scales_of(record, noise_only))
     geometry = per_dimensions(actuator)
     if record.shows_no_edge:

@@ -107,7 +107,7 @@ def _first_lead(record: Record, channel: Channel) -> IntArray:
 def _skew(record: Record, channel: Channel, lead: int, edges: int, early: IntArray) -> Finding:
     which = "leads" if lead > 0 else "lags behind"
     rows = "one row" if abs(lead) == 1 else f"{abs(lead)} rows"
-    contradicts = lead > 0 and channel.name == "current" and record.run.hold != "unknown"
+    doubtful = lead > 0 and channel.name == "current" and record.run.hold != "unknown"
     return Finding(
         code="channel-skew",
         severity="warning",
@@ -115,7 +115,11 @@ def _skew(record: Record, channel: Channel, lead: int, edges: int, early: IntArr
         message=(
             f"the {channel.name} {which} the voltage channel by {rows} ({abs(lead) * record.period:.4g} s), "
             f"measured at {edges} edge{'s' if edges > 1 else ''}"
-            + (f", so the hold {record.run.hold!r} that is stated cannot be right" if contradicts else "")
+            + (
+                f", so it was not read with the voltage, or the hold {record.run.hold!r} is not right"
+                if doubtful
+                else ""
+            )
         ),
         repair=(
             "the channels were not read at one time: "

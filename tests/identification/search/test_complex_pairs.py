@@ -9,7 +9,7 @@ import pytest
 from scipy.signal import TransferFunction, lsim
 
 from ipmclab import Run, identify, load_actuator, simulate
-from ipmclab.identification.search.starts.complex_pairs import best_pairs
+from ipmclab.identification.search.starts.complex_pairs import best_pairs, pair_columns, real_column
 from ipmclab.identification.search.varpro import pole_grid
 from tests.identification.search.test_start_turning import series
 
@@ -31,9 +31,18 @@ def test_the_best_set_is_the_one_that_an_independent_simulation_was_made_of() ->
     assert len({(*one.poles, one.time_constant, one.damping_ratio) for one in sets}) == 4
 
 
-def test_no_set_of_an_irregular_clock_or_of_many_poles() -> None:
-    irregular = np.sort(np.append(TIME[:-1], 11.07))
-    assert not list(best_pairs([series(irregular, VOLTAGE, VOLTAGE)], np.ones((1, len(TIME))), 1))
+def test_rows_of_any_distance_give_what_they_give_among_regular_ones() -> None:
+    """Rows left out of a straight line of voltage change no answer at the others."""
+    kept = np.delete(np.arange(len(TIME)), [50, 51, 140, 300])  # in none of them the slope changes
+    whole = series(TIME, VOLTAGE, VOLTAGE)
+    fewer = series(TIME[kept], VOLTAGE[kept], VOLTAGE[kept])
+    for pole in (-3.0, -0.2):
+        np.testing.assert_allclose(real_column([fewer], pole), real_column([whole], pole)[kept], rtol=1e-9, atol=1e-12)
+    pairs = [pair_columns([one], 0.6, 0.3) for one in (whole, fewer)]
+    np.testing.assert_allclose(pairs[1], pairs[0][:, kept], rtol=1e-9, atol=1e-12)
+
+
+def test_no_set_of_many_poles() -> None:
     assert not list(best_pairs([series(TIME, VOLTAGE, VOLTAGE)], np.ones((1, len(TIME))), 4))
 
 

@@ -41,8 +41,6 @@ class OnGrid(NamedTuple):
 def best_pairs(series: Sequence[SearchedRun], common: FloatArray, count: int) -> Iterator[OnGrid]:
     """The sets of so many real poles and one complex pair, the best first, none a neighbour of one before.
 
-    Nothing where the clock is not regular.
-
     Parameters
     ----------
     series : sequence of SearchedRun
@@ -52,14 +50,17 @@ def best_pairs(series: Sequence[SearchedRun], common: FloatArray, count: int) ->
     count : int
         Of the real poles.
     """
-    if count > _MOST or not all(_is_regular(run.drive) for run in series):
+    if count > _MOST:
         return
     grid = pole_grid(series, _GRID)
     pairs = list(product(range(_GRID), range(len(_DAMPING))))
     readings = np.concatenate([run.readings for run in series])
-    reals = [real_column(series, float(pole)) for pole in grid]
-    turning = [pair_columns(series, -1.0 / float(grid[tau]), _DAMPING[zeta]) for tau, zeta in pairs]
-    columns = np.vstack([readings, common, *reals, *turning]) * np.concatenate([run.weight for run in series])
+    turning = [_pole(-1.0 / float(grid[tau]), _DAMPING[zeta]) for tau, zeta in pairs]
+    answers = _answers(series, np.array([*grid, *turning]))
+    moved = [row for one, pole in zip(answers[_GRID:], turning, strict=True) for row in _pair_of(one, pole)]
+    columns = np.vstack([readings, common, answers[:_GRID].real, *moved]) * np.concatenate(
+        [run.weight for run in series]
+    )
     first = len(common)
     sets = np.array(list(combinations(range(_GRID), count)), dtype=np.intp).reshape(math.comb(_GRID, count), count)
     own = np.broadcast_to(np.arange(first), (len(sets), first))
@@ -90,33 +91,54 @@ def best_pairs(series: Sequence[SearchedRun], common: FloatArray, count: int) ->
 
 def real_column(series: Sequence[SearchedRun], pole: float) -> FloatArray:
     """Response of 1/(s - pole) to the drives of all runs, side by side, from rest."""
-    return np.asarray(_column(series, complex(pole)).real)
+    return np.asarray(_answers(series, np.array([complex(pole)]))[0].real)
 
 
 def pair_columns(series: Sequence[SearchedRun], tau: float, damping: float) -> FloatArray:
     """The voltage filtered by 1/(1 + 2 zeta tau s + tau^2 s^2), and tau s times that, shape (2, n_total)."""
-    pole = complex(-damping, np.sqrt(1.0 - damping**2)) / tau
-    moved = _column(series, pole)
-    scale = tau**2 * pole.imag
-    return np.array([moved.imag / scale, tau * (pole * moved).imag / scale])
+    pole = _pole(tau, damping)
+    return _pair_of(_answers(series, np.array([pole]))[0], pole)
 
 
-def _column(series: Sequence[SearchedRun], pole: complex) -> ComplexArray:
-    return np.concatenate([_response(run.drive, pole) for run in series])
-
-
-def _response(drive: Drive, pole: complex) -> ComplexArray:
-    from scipy.signal import lfilter
-
-    period = float(np.mean(drive.durations[drive.kind]))
-    z = pole * period
-    first = np.expm1(z) / z if abs(z) > 1e-3 else 1.0 + z / 2.0 + z * z / 6.0
-    second = (first - 1.0) / z if abs(z) > 1e-3 else 0.5 + z / 6.0 + z * z / 24.0
-    moved = period * ((first - second) * drive.start + second * drive.end)
-    state = np.concatenate([[0j], lfilter([1.0], [1.0, -np.exp(z)], moved)])
-    return state if drive.rows is None else state[drive.rows]
-
-
-def _is_regular(drive: Drive) -> bool:
+def is_regular(drive: Drive) -> bool:
+    """Whether all rows lie as far from each other."""
     mean = float(np.mean(drive.durations[drive.kind]))
     return bool(np.ptp(drive.durations) <= _STEADY * mean)
+
+
+def _pole(tau: float, damping: float) -> complex:
+    """Of a pair the one with a positive imaginary part."""
+    return complex(-damping, np.sqrt(1.0 - damping**2)) / tau
+
+
+def _pair_of(answer: ComplexArray, pole: complex) -> FloatArray:
+    """What the pair of a pole answers, and that with a lead, from what the pole answers."""
+    tau = 1.0 / abs(pole)
+    scale = tau**2 * pole.imag
+    return np.array([answer.imag / scale, tau * (pole * answer).imag / scale])
+
+
+def _answers(series: Sequence[SearchedRun], poles: ComplexArray) -> ComplexArray:
+    """Responses of 1/(s - pole) to the drives of all runs, side by side, from rest, one pole a row."""
+    return np.concatenate([_of_drive(run.drive, poles) for run in series], axis=1)
+
+
+def _of_drive(drive: Drive, poles: ComplexArray) -> ComplexArray:
+    from scipy.signal import lfilter
+
+    z = np.outer(poles, drive.durations)
+    near = np.abs(z) <= 1e-3
+    safe = np.where(near, 1.0, z)
+    first = np.where(near, 1.0 + z / 2.0 + z * z / 6.0, np.expm1(safe) / safe)
+    second = np.where(near, 0.5 + z / 6.0 + z * z / 24.0, (first - 1.0) / safe)
+    start = (drive.durations * (first - second))[:, drive.kind] * drive.start
+    moved = start + (drive.durations * second)[:, drive.kind] * drive.end
+    decay = np.exp(z)
+    state = np.zeros((len(poles), moved.shape[1] + 1), dtype=np.complex128)
+    if is_regular(drive):
+        for row, one, kept in zip(state, moved, decay, strict=True):
+            row[1:] = lfilter([1.0], [1.0, -kept[drive.kind[0]]], one)
+    else:
+        for step, kind in enumerate(drive.kind):
+            state[:, step + 1] = decay[:, kind] * state[:, step] + moved[:, step]
+    return state if drive.rows is None else state[:, drive.rows]

@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.identification.search.starts.complex_pairs import best_pairs, pair_columns, real_column
+from ipmclab.identification.search.starts.complex_pairs import best_pairs, is_regular, pair_columns, real_column
 from ipmclab.identification.search.varpro import SearchedRun, pole_grid
 
 FloatArray = npt.NDArray[np.float64]
@@ -61,9 +61,9 @@ def search_turning(series: Sequence[SearchedRun], common: FloatArray) -> Turning
     """
     from scipy.optimize import least_squares
 
-    tried = list(islice(best_pairs(series, common, 2), _FOLLOWED))
-    if not tried:
+    if not all(is_regular(run.drive) for run in series):
         return None
+    tried = list(islice(best_pairs(series, common, 2), _FOLLOWED))
     weight = np.concatenate([run.weight for run in series])
     readings = np.concatenate([run.readings for run in series]) * weight
     fixed = (common * weight).T
