@@ -62,12 +62,15 @@ class Derived:
 AT_ONCE: Final = "circuit.high_frequency_resistance"
 """What the current shows in the moment of an edge."""
 
+AT_REST: Final = "coupling.static"
+"""d(0): how far a constant voltage bends."""
+
 DERIVED: Final[Mapping[str, Derived]] = {
     AT_ONCE: Derived("high-frequency resistance", RESISTANCE),
     "circuit.dc_resistance": Derived("dc resistance", RESISTANCE),
     "circuit.capacitance": Derived("charge stored per volt", CAPACITANCE),
     "circuit.time_constants": Derived("time constant of the current", TIME),
-    "coupling.static": Derived("d(0)", STRAIN_COEFFICIENT),
+    AT_REST: Derived("d(0)", STRAIN_COEFFICIENT),
     "displacement.static_gain": Derived("static gain, displacement", DISPLACEMENT_PER_VOLT, positive=False),
     "displacement.bandwidth": Derived("bandwidth, displacement", FREQUENCY),
     "force.static_gain": Derived("static gain, force", FORCE_PER_VOLT, positive=False),
@@ -134,7 +137,7 @@ def quantities_of(
     if "current" in outputs and actuator.structure.is_lumped:
         found |= _of_circuits(actuator.structure.electrical.block(values), 1, longest)[0]
     if {"displacement", "force"} & set(outputs):
-        found["coupling.static"] = values["coupling.gain"] * values["coupling.zero"] / values["coupling.p2"]
+        found[AT_REST] = values["coupling.gain"] * values["coupling.zero"] / values["coupling.p2"]
         found["beam.stiffness"] = float(abs(tip_stiffness(values)))
         found["beam.resonance"] = resonance(values).frequency
     for output in ("displacement", "force"):

@@ -10,12 +10,12 @@ from ipmclab.confidence import NORMAL_95
 from ipmclab.fit.fit import DETERMINED
 from ipmclab.model import Actuator
 from ipmclab.model.declared import MOTION, in_group
+from ipmclab.model.quantities import AT_REST
 from ipmclab.model.stages.coupling import STATIC
 from ipmclab.run import Finding
 
 NOT_IDENTIFIED: Final = "coupling-not-identified"
 
-_STATIC_KNOWN: Final = "coupling.static"  # d(0) among the quantities that a fit determines
 _LARGE: Final = 0.01  # part of a direction of unit length (convention)
 
 
@@ -34,7 +34,7 @@ def open_coupling(actuator: Actuator) -> list[Finding]:
                 repair="identify it too, from runs with displacement or force: --free electrical,coupling",
             )
         ]
-    if any(one.get("name") == _STATIC_KNOWN for one in _entries(actuator, "known")):
+    if any(one.get("name") == AT_REST for one in _entries(actuator, "known")):
         return []  # though its parts may be open
     for one in _entries(actuator, "undetermined"):
         # Gain against zero with d(0) = K_d Z_d/P_2d standing still does not show below the Nyquist rate.

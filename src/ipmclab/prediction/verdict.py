@@ -105,7 +105,7 @@ displacement with a fit of 99.0 % and force with a fit of 99.0 %.
             ]
         )
         nearer = f"It does not predict {outputs_text}: a constant would have been nearer."
-        grows = any(name.startswith("leak.slow.") for name in validation.actuator.parameter_values)
+        grows = validation.actuator.structure.slow_leak
         sentences.append(" ".join([nearer, *_causes(fresh, missed, grows=grows)]))
     if fresh and not (predicted or missed):
         sentences.append(f"Nothing could be scored in {_new(fresh)}.")
