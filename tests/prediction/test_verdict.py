@@ -73,21 +73,14 @@ def test_a_run_of_the_fit_has_one_score_wherever_it_is_said(strip: Actuator) -> 
     assert of_run.rmse_percent_of_range == pytest.approx(told, rel=0.02)
 
 
-def test_a_prediction_that_is_hardly_nearer_than_a_constant_is_called_so(strip: Actuator) -> None:
+@pytest.mark.parametrize(("times", "percent", "how"), [(1.85, 15.0, "hardly"), (1.4, 60.0, "roughly")])
+def test_a_prediction_that_leaves_much_is_called_so(strip: Actuator, times: float, percent: float, how: str) -> None:
     run = simulate(strip, "square 1 V 0.1 Hz", duration=20.0, rate=50.0)
-    read = replace(run, current=np.asarray(run.current) / 1.85, displacement=None, force=None)
+    read = replace(run, current=np.asarray(run.current) / times, displacement=None, force=None)
     found = verdict_of(validate(strip, named(read, "less.nc")))
-    # What was read is 1/1.85 of the prediction, so that 0.85 of it are left.
-    assert found.predicted["current"] == pytest.approx(15.0, abs=2.0)
-    assert "the model hardly predicts 1 run" in found.sentences[0]
-
-
-def test_a_prediction_that_leaves_more_than_a_fifth_is_a_rough_one(strip: Actuator) -> None:
-    run = simulate(strip, "square 1 V 0.1 Hz", duration=20.0, rate=50.0)
-    read = replace(run, current=np.asarray(run.current) / 1.4, displacement=None, force=None)
-    found = verdict_of(validate(strip, named(read, "less.nc")))
-    assert found.predicted["current"] == pytest.approx(60.0, abs=2.0)
-    assert "the model roughly predicts 1 run" in found.sentences[0]
+    # What was read is one of so many parts of the prediction: of 1.85 times it 0.85 are left.
+    assert found.predicted["current"] == pytest.approx(percent, abs=2.0)
+    assert f"the model {how} predicts 1 run" in found.sentences[0]
 
 
 def test_a_stage_that_the_model_has_is_not_proposed(strip: Actuator) -> None:

@@ -39,12 +39,12 @@ def left_open(model: Actuator | Fit | None, channel: str) -> tuple[str, ...]:
     if model is None:
         return ()
     if isinstance(model, Fit):
-        open_ones = [name for name, one in model.parameters.items() if not one.determined]
-        known = model.actuator.parameter_values
+        of_strip = model.actuator.parameter_values
+        names = tuple(name for name, one in model.parameters.items() if not one.determined and name in of_strip)
     else:
-        open_ones, known = [*open_names(model)], model.parameter_values
+        names = open_names(model)
     other = "force" if channel == "displacement" else "displacement"
-    return tuple(name for name in open_ones if name in known and stage_outputs(name) != (other,))
+    return tuple(name for name in names if stage_outputs(name) != (other,))
 
 
 def circuit_alone(actuator: Actuator) -> list[Finding]:

@@ -58,9 +58,8 @@ def best_pairs(series: Sequence[SearchedRun], common: FloatArray, count: int) ->
     turning = [_pole(-1.0 / float(grid[tau]), _DAMPING[zeta]) for tau, zeta in pairs]
     answers = _answers(series, np.array([*grid, *turning]))
     moved = [row for one, pole in zip(answers[_GRID:], turning, strict=True) for row in _pair_of(one, pole)]
-    columns = np.vstack([readings, common, answers[:_GRID].real, *moved]) * np.concatenate(
-        [run.weight for run in series]
-    )
+    weight = np.concatenate([run.weight for run in series])
+    columns = np.vstack([readings, common, answers[:_GRID].real, *moved]) * weight
     first = len(common)
     sets = np.array(list(combinations(range(_GRID), count)), dtype=np.intp).reshape(math.comb(_GRID, count), count)
     own = np.broadcast_to(np.arange(first), (len(sets), first))
