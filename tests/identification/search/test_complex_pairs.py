@@ -1,7 +1,8 @@
-"""Complex pairs of poles on a grid, and couplings with complex poles beside a slow mode, identified from no start."""
+"""Complex pairs of poles beside real ones; couplings with such poles beside a slow mode, identified from no start."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import islice
 
 import numpy as np
@@ -9,9 +10,10 @@ import pytest
 from scipy.signal import TransferFunction, lsim
 
 from ipmclab import Run, identify, load_actuator, simulate
-from ipmclab.identification.search.starts.complex_pairs import best_pairs, pair_columns, real_column
-from ipmclab.identification.search.varpro import pole_grid
-from tests.identification.search.test_start_turning import series
+from ipmclab.identification.search.pole_grid import grid_pairs, pole_grid
+from ipmclab.identification.search.varpro import near_pairs, pair_minima
+from ipmclab.model.numerics.drive import complex_responses, responses
+from tests.identification.search.test_turning import series
 
 TIME = np.linspace(0.0, 20.0, 401)
 VOLTAGE = np.interp(TIME, [0.0, 2.0, 10.0, 11.0, 20.0], [0.0, 1.0, 0.7, -0.5, 0.2])
@@ -23,27 +25,49 @@ def test_the_best_set_is_the_one_that_an_independent_simulation_was_made_of() ->
     slow, tau, zeta, constant, lead = float(grid[6]), float(-1.0 / grid[3]), 0.5, 3.0, 0.4
     pair = TransferFunction([lead, constant], [tau**2, 2.0 * zeta * tau, 1.0])
     readings = lsim(pair, VOLTAGE, TIME)[1] + 0.8 * lsim(TransferFunction([1.0], [1.0, -slow]), VOLTAGE, TIME)[1] + 5.0
-    sets = list(islice(best_pairs([series(TIME, readings, VOLTAGE)], np.ones((1, len(TIME))), 1), 4))
-    first = sets[0]
-    assert (first.time_constant, first.damping_ratio) == (tau, zeta)
-    assert (first.constant, first.lead) == pytest.approx((constant, lead), rel=1e-3)
-    assert (*first.poles, *first.residues) == pytest.approx((slow, 0.8), rel=1e-3)
-    assert len({(*one.poles, one.time_constant, one.damping_ratio) for one in sets}) == 4
+    run, common = series(TIME, readings, VOLTAGE), np.ones((1, len(TIME)))
+    sets = list(islice(grid_pairs([run], 1, common, np.inf), 4))
+    np.testing.assert_allclose(sets[0], [np.log(-slow), -np.log(tau), np.arccos(-zeta)], rtol=1e-12)
+    assert len({tuple(one) for one in sets}) == 4
+    found = near_pairs([run], 1, common, np.inf)[0]
+    assert found.pair is not None
+    assert found.pair.pole == pytest.approx(complex(-zeta, np.sqrt(1.0 - zeta**2)) / tau, rel=1e-6)
+    assert (*found.poles, *found.residues) == pytest.approx((slow, 0.8), rel=1e-4)
+    assert not list(grid_pairs([run], 1, common, 0.0))
 
 
 def test_rows_of_any_distance_give_what_they_give_among_regular_ones() -> None:
     """Rows left out of a straight line of voltage change no answer at the others."""
     kept = np.delete(np.arange(len(TIME)), [50, 51, 140, 300])  # in none of them the slope changes
-    whole = series(TIME, VOLTAGE, VOLTAGE)
-    fewer = series(TIME[kept], VOLTAGE[kept], VOLTAGE[kept])
-    for pole in (-3.0, -0.2):
-        np.testing.assert_allclose(real_column([fewer], pole), real_column([whole], pole)[kept], rtol=1e-9, atol=1e-12)
-    pairs = [pair_columns([one], 0.6, 0.3) for one in (whole, fewer)]
-    np.testing.assert_allclose(pairs[1], pairs[0][:, kept], rtol=1e-9, atol=1e-12)
+    whole = series(TIME, VOLTAGE, VOLTAGE).drive
+    fewer = series(TIME[kept], VOLTAGE[kept], VOLTAGE[kept]).drive
+    poles = np.array([-3.0 + 0j, -0.2 + 0j, complex(-0.3, 0.95) / 0.6])
+    answers = complex_responses(whole, poles)
+    for all_rows, some in zip(answers, complex_responses(fewer, poles), strict=True):
+        np.testing.assert_allclose(some, all_rows[:, kept], rtol=1e-9, atol=1e-12)
+    # Of real poles it is what the real kernel says, and slopes are those of a difference.
+    for turning, real in zip(answers, responses(whole, poles[:2].real), strict=True):
+        np.testing.assert_allclose(turning[:2], real, rtol=1e-9, atol=1e-12)
+    ahead, behind = (complex_responses(whole, poles + step)[0] for step in (1e-5j, -1e-5j))
+    np.testing.assert_allclose((ahead - behind) / 2e-5j, answers[1], rtol=1e-6, atol=1e-9)
+
+
+def test_a_start_in_motion_is_part_of_every_set() -> None:
+    """The decay of a pair and of a slow pole that began before the record, beside what the voltage does."""
+    pole, slow = complex(-0.6, 1.9), -0.15
+    turned = complex_responses(series(TIME, VOLTAGE, VOLTAGE).drive, np.array([pole, complex(slow)]))[0]
+    moving = np.real((0.7 - 0.4j) * np.exp(pole * TIME)) + 0.5 * np.exp(slow * TIME)
+    readings = np.real((1.5 + 0.2j) * turned[0]) + 0.3 * turned[1].real + moving
+    run = replace(series(TIME, readings, VOLTAGE), free_start=True)
+    found = pair_minima([run], 1, np.ones((1, len(TIME))))[0]
+    assert found.pair is not None
+    assert found.pair.pole == pytest.approx(pole, rel=1e-5)
+    assert found.pair.residue == pytest.approx(1.5 + 0.2j, rel=1e-4)
+    assert float(found.poles[0]) == pytest.approx(slow, rel=1e-4)
 
 
 def test_no_set_of_many_poles() -> None:
-    assert not list(best_pairs([series(TIME, VOLTAGE, VOLTAGE)], np.ones((1, len(TIME))), 4))
+    assert not near_pairs([series(TIME, VOLTAGE, VOLTAGE)], 9, np.ones((1, len(TIME))), np.inf)
 
 
 @pytest.mark.parametrize(

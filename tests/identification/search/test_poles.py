@@ -10,10 +10,11 @@ import pytest
 
 from ipmclab import Run, RunMetadata, load_actuator, simulate
 from ipmclab.identification.problem.record import prepare
-from ipmclab.identification.search import varpro
+from ipmclab.identification.search import pole_grid
+from ipmclab.identification.search.searched_run import SearchedRun
 from ipmclab.identification.search.starts import start_circuit
 from ipmclab.identification.search.starts.start_circuit import circuit_values, current_series, find_circuit
-from ipmclab.identification.search.varpro import SearchedRun, search_poles
+from ipmclab.identification.search.varpro import search_poles
 from ipmclab.model.admittance import Admittance
 from ipmclab.model.numerics.drive import Drive, responses
 from ipmclab.model.outputs import simulate_outputs
@@ -113,7 +114,7 @@ def test_sets_of_many_poles_are_found_by_exchange() -> None:
         return np.asarray(readings @ readings - np.array(left))
 
     best = gains(np.array(list(itertools.combinations(range(14), 4)))).max()
-    found = varpro._exchanged(14, 4, gains)
+    found = pole_grid._exchanged(14, 4, gains)
     assert (np.diff(found, axis=1) > 0).all()
     assert readings @ readings - gains(found).max() < 1.05 * (readings @ readings - best)
 

@@ -2,32 +2,35 @@
 
 Y(s) = D + sum_j r_j/(s - lambda_j) is linear in D and r for given poles. Only the poles are
 searched, on a logarithmic scale: first over the sets of a grid, then by damped Gauss-Newton
-steps. No starting values are needed.
+steps. No starting values are needed. Two of the poles may be a complex pair.
 """
 
 from __future__ import annotations
 
+import cmath
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from functools import cache
-from itertools import combinations, islice
-from typing import Final
+from itertools import islice
+from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.model.numerics.drive import Drive, responses
-from ipmclab.model.numerics.poles_loop import pole_values
+from ipmclab.identification.search.pole_grid import grid_pairs, grid_starts
+from ipmclab.identification.search.searched_run import SearchedRun
+from ipmclab.model.numerics.drive import complex_responses, responses
 from ipmclab.normal_equations import damped_step, pseudo_inverse
 from ipmclab.progress import tick
 
 FloatArray = npt.NDArray[np.float64]
+ComplexArray = npt.NDArray[np.complex128]
+IndexArray = npt.NDArray[np.intp]
 
-GRID_POLES: Final = 10  # from the fastest to the slowest that a record can show, at least
-_GRID_STARTS: Final = 4  # no two of them neighbours
-_MOST_SETS: Final = 10_000  # of grid poles that are all tried: up to six poles
-_EXCHANGES: Final = 10  # of each of the poles, where these are more
+_BRIEFLY: Final = 3  # steps of each set with a pair: a start, of which the rest is the fit's own search
+_FOLLOWED: Final = 3  # of these, to their minimum
+_AT_LENGTH: Final = 60  # steps of each set of real poles (a limit)
+_LEAST_DAMPING, _MOST_DAMPING = 0.02, 0.999  # between which a complex pair is sought: beyond, it is two real poles
 _LONGEST_STEP: Final = 1.5  # of a logarithm in one iteration
 _SETTLED: Final = 1e-10  # relative decrease of the cost at which a descent ends
 _UNSEEN: Final = 1e-4  # of the rounding of a cost: a decrease that could not be told from it
@@ -35,96 +38,127 @@ _IMITATED: Final = 1e-12  # of its square: what is left of the move of a pole th
 _EQUAL: Final = 0.05  # of a logarithm: poles nearer than that have met
 
 
-@dataclass(frozen=True, eq=False)
-class SearchedRun:
-    """One run as the search sees it.
+class Pair(NamedTuple):
+    """A complex pair of poles, by the one above the real axis [1/s]: the real part of ``residue/(s - pole)``."""
 
-    Parameters
-    ----------
-    drive : Drive
-    time : float array, shape (n_time,) [s]
-        Since the start of the drive.
-    readings : float array, shape (n_time,)
-        Zero where ``weight`` is.
-    weight : float array, shape (n_time,)
-        One over the noise; zero for a reading to be left out.
-    free_start : bool
-        Whether the state at the start is unknown.
-    step : float [s], optional
-        Between two rows, where readings are means of several.
-    """
-
-    drive: Drive
-    time: FloatArray
-    readings: FloatArray
-    weight: FloatArray
-    free_start: bool = False
-    step: float | None = None
+    pole: complex
+    residue: complex
 
 
 @dataclass(frozen=True, eq=False)
 class PoleFit:
     """What the search found.
 
-    ``common`` holds the weights of the common columns, ``cost`` is the weighted sum of squares.
+    ``common`` holds the weights of the common columns, ``cost`` is the weighted sum of squares; ``pair`` stands beside
+    the real poles where one was asked for.
     """
 
     poles: FloatArray
     residues: FloatArray
     common: FloatArray
     cost: float
+    pair: Pair | None = None
 
 
 class _Table:
     """Everything that enters linearly at given poles, weighted, one row each, all runs side by side.
 
-    Rows: the readings, the common columns, then for each pole its response and the decays of the free starts,
-    and last, in the same order, the derivatives of those by the pole.
+    Rows: the readings, the common columns, then for each pole its response and the decays of the free starts, of a
+    complex one first the real parts of these and then the imaginary ones; and last, in the same order, the derivatives
+    of those by the pole.
     """
 
-    def __init__(self, series: Sequence[SearchedRun], count: int, common: FloatArray) -> None:
+    def __init__(self, series: Sequence[SearchedRun], count: int, common: FloatArray, *, pair: bool = False) -> None:
         self._series = series
+        self.count, self.pairs = count, int(pair)
         self.width = 1 + sum(run.free_start for run in series)
         self.common = len(common)
         self._weight = np.concatenate([run.weight for run in series])
         self._fixed = 1 + self.common
-        self.rows = np.zeros((self._fixed + 2 * count * self.width, len(self._weight)))
+        self._blocks = count + 2 * self.pairs
+        self.span = self._blocks * self.width
+        self.rows = np.zeros((self._fixed + 2 * self.span, len(self._weight)))
         self.rows[0] = np.concatenate([run.readings for run in series]) * self._weight
         self.rows[1 : self._fixed] = common * self._weight
         self._products = np.empty((len(self.rows), len(self.rows)))
         self._products[: self._fixed, : self._fixed] = self.rows[: self._fixed] @ self.rows[: self._fixed].T
 
-    def gram(self, poles: FloatArray) -> FloatArray:
-        """Products of all rows with each other."""
+    def gram(self, poles: FloatArray, above: ComplexArray) -> FloatArray:
+        """Products of all rows with each other, for real poles and that of a pair above the real axis."""
         tick()
-        span = len(poles) * self.width
         moving = self.rows[self._fixed :]
-        values = moving[:span].reshape(len(poles), self.width, -1)
-        slopes = moving[span:].reshape(len(poles), self.width, -1)
+        values = moving[: self.span].reshape(self._blocks, self.width, -1)
+        slopes = moving[self.span :].reshape(self._blocks, self.width, -1)
         place, begin = 1, 0
         for run in self._series:
-            end = begin + len(run.time)
-            values[:, 0, begin:end], slopes[:, 0, begin:end] = responses(run.drive, poles)
+            own = slice(begin, begin + len(run.time))
+            begin = own.stop
+            if self.count:
+                values[: self.count, 0, own], slopes[: self.count, 0, own] = responses(run.drive, poles)
+            if self.pairs:
+                self._write(values, slopes, 0, own, *complex_responses(run.drive, above))
             if run.free_start:
-                decay = np.exp(np.outer(poles, run.time))
                 # Other runs' readings do not know this start.
                 values[:, place], slopes[:, place] = 0.0, 0.0
-                values[:, place, begin:end], slopes[:, place, begin:end] = decay, decay * run.time
+                decay = np.exp(np.outer(poles, run.time))
+                values[: self.count, place, own], slopes[: self.count, place, own] = decay, decay * run.time
+                if self.pairs:
+                    turning = np.exp(np.outer(above, run.time))
+                    self._write(values, slopes, place, own, turning, turning * run.time)
                 place += 1
-            begin = end
         moving *= self._weight
         products = self._products.copy()
         products[self._fixed :] = moving @ self.rows.T
         products[: self._fixed, self._fixed :] = products[self._fixed :, : self._fixed].T
         return products
 
+    def _write(
+        self, values: FloatArray, slopes: FloatArray, place: int, own: slice, answer: ComplexArray, slope: ComplexArray
+    ) -> None:
+        """The parts of what a complex pole answers, behind the real poles."""
+        values[self.count :, place, own] = answer.real[0], answer.imag[0]
+        slopes[self.count :, place, own] = slope.real[0], slope.imag[0]
 
-def pole_grid(series: Sequence[SearchedRun], count: int = GRID_POLES) -> FloatArray:
-    """Poles from a third of the slowest to the fastest that these records can show, fastest first [1/s]."""
-    longest = max(float(run.time[-1] - run.time[0]) for run in series)
-    shortest = min(run.step or float(run.drive.durations.max()) for run in series)
-    grid: FloatArray = -np.exp(np.linspace(math.log(2.0 / shortest), math.log(0.3 / longest), count))
-    return grid
+    def poles(self, position: FloatArray) -> tuple[FloatArray, ComplexArray]:
+        """The real poles at a position of the search, and the complex one above the real axis.
+
+        Real ones stand in it by the logarithm of their distance from zero, the complex one by that and its angle.
+        """
+        distance, angle = position[self.count :: 2], position[self.count + 1 :: 2]
+        return -np.exp(position[: self.count]), np.exp(distance + 1j * angle)
+
+    def limits(self) -> tuple[FloatArray, FloatArray]:
+        """Between which positions a search goes: far outside of what the records can show numbers end."""
+        fastest = 1000.0 / min(float(run.drive.durations.min()) for run in self._series)
+        slowest = 1e-3 / max(float(run.time[-1] - run.time[0]) for run in self._series)
+        angles = np.arccos([-_LEAST_DAMPING, -_MOST_DAMPING])
+        lower = np.append(np.full(self.count, math.log(slowest)), self.pairs * [math.log(slowest), angles[0]])
+        upper = np.append(np.full(self.count, math.log(fastest)), self.pairs * [math.log(fastest), angles[1]])
+        return lower, upper
+
+    def moved(self, linear: FloatArray, position: FloatArray) -> FloatArray:
+        """How the model moves along each entry of a position: a mix of the slope rows, shape (span, n_entry)."""
+        poles, above = self.poles(position)
+        weights = linear[self.common :].reshape(self._blocks, self.width)
+        chosen = np.zeros((self._blocks, self.width, len(position)))
+        real = np.arange(self.count)
+        chosen[real, :, real] = weights[: self.count] * poles[:, None]
+        for pole in above:
+            at, below = weights[self.count], weights[self.count + 1]
+            for entry, way in enumerate((pole, 1j * pole), start=self.count):
+                chosen[self.count, :, entry] = at * way.real + below * way.imag
+                chosen[self.count + 1, :, entry] = below * way.real - at * way.imag
+        return chosen.reshape(self.span, len(position))
+
+    def fit(self, position: FloatArray, linear: FloatArray, cost: float) -> PoleFit:
+        """A position of the search and its weights as poles and residues, the fastest first."""
+        poles, above = self.poles(position)
+        order = np.argsort(poles)
+        residues = linear[self.common :: self.width]
+        pair = None
+        if self.pairs:
+            pair = Pair(complex(above[0]), complex(residues[self.count], -residues[self.count + 1]))
+        return PoleFit(poles[order], residues[: self.count][order], linear[: self.common], cost, pair)
 
 
 def search_poles(series: Sequence[SearchedRun], count: int, common: FloatArray, *, tries: int = 3) -> PoleFit:
@@ -148,8 +182,8 @@ def search_poles(series: Sequence[SearchedRun], count: int, common: FloatArray, 
     """
     found: list[PoleFit] = []
     table = _Table(series, count, common)
-    for start in islice(_grid_starts(series, count, common), tries):
-        found.append(_descend(table, series, start))
+    for start in islice(grid_starts(series, count, common), tries):
+        found.append(_descend(table, start))
         if not (np.diff(np.log(-found[-1].poles)) > -_EQUAL).any():
             break
     return min(found, key=lambda fit: fit.cost)
@@ -158,114 +192,60 @@ def search_poles(series: Sequence[SearchedRun], count: int, common: FloatArray, 
 def all_minima(series: Sequence[SearchedRun], count: int, common: FloatArray) -> list[PoleFit]:
     """Every different minimum that the best grid points lead to, the lowest first; arguments as ``search_poles``."""
     table = _Table(series, count, common)
+    return _different(_descend(table, start) for start in grid_starts(series, count, common))
+
+
+def near_pairs(series: Sequence[SearchedRun], count: int, common: FloatArray, hopeless: float) -> list[PoleFit]:
+    """So many real poles and a complex pair beside them: a few steps from every region of a grid, the lowest first.
+
+    Beside real poles a pair has many minima, and where the grid leaves most a valley may lead lowest.
+
+    Parameters
+    ----------
+    series, count, common
+        As of ``search_poles``.
+    hopeless : float
+        Cost above which a grid point is not followed.
+    """
+    table = _Table(series, count, common, pair=True)
+    return _different(_descend(table, start, _BRIEFLY) for start in grid_pairs(series, count, common, hopeless))
+
+
+def pair_minima(series: Sequence[SearchedRun], count: int, common: FloatArray) -> list[PoleFit]:
+    """The minima that the best of these lead to, the lowest first; arguments as ``search_poles``."""
+    table = _Table(series, count, common, pair=True)
+    near = near_pairs(series, count, common, math.inf)[:_FOLLOWED]
+    return _different(_descend(table, _position(fit)) for fit in near)
+
+
+def _position(fit: PoleFit) -> FloatArray:
+    """The poles of a fit as a position of the search."""
+    pair = [] if fit.pair is None else [math.log(abs(fit.pair.pole)), cmath.phase(fit.pair.pole)]
+    return np.append(np.log(-fit.poles), pair)
+
+
+def _different(fits: Iterable[PoleFit]) -> list[PoleFit]:
+    """The lowest first, none with the poles of one before."""
     kept: list[PoleFit] = []
-    for fit in sorted(
-        (_descend(table, series, start) for start in _grid_starts(series, count, common)), key=lambda fit: fit.cost
-    ):
-        if all(np.max(np.abs(np.log(fit.poles / other.poles))) > _EQUAL for other in kept):
+    for fit in sorted(fits, key=lambda fit: fit.cost):
+        if all(_apart(fit, other) > _EQUAL for other in kept):
             kept.append(fit)
     return kept
 
 
-@cache
-def _choices(grid: int, count: int) -> npt.NDArray[np.intp]:
-    """Every set of so many places in a grid, one a row."""
-    choices = np.array(list(combinations(range(grid), count)), dtype=np.intp)
-    choices.setflags(write=False)
-    return choices
+def _apart(one: PoleFit, other: PoleFit) -> float:
+    """How far the poles of two fits lie apart at most, in logarithms."""
+    return float(np.abs(_position(one) - _position(other)).max())
 
 
-Gains = Callable[[npt.NDArray[np.intp]], FloatArray]
-"""How much of the power of the readings each of some sets of places in a grid explains, one a row."""
-
-
-def _exchanged(grid: int, count: int, gains: Gains) -> npt.NDArray[np.intp]:
-    """Sets of so many places by exchange, where there are too many to try each (Miller, Subset Selection, 2002, 3.5).
-
-    The place that explains most is added until there are enough; then each is exchanged for the one that explains most
-    in its stead, until none is. All sets on the way are returned.
-    """
-    every = np.arange(grid)
-    own: list[int] = []
-    tried: list[list[int]] = []
-
-    def best_beside(others: list[int]) -> tuple[int, float]:
-        free = np.setdiff1d(every, others)
-        sets = np.column_stack([np.tile(np.array(others, dtype=np.intp), (len(free), 1)), free])
-        found = gains(sets)
-        if len(others) == count - 1:
-            tried.extend(np.sort(sets, axis=1).tolist())
-        return int(free[np.argmax(found)]), float(found.max())
-
-    while len(own) < count:
-        own.append(best_beside(own)[0])
-    best = -math.inf
-    for _ in range(_EXCHANGES):
-        before = best
-        for _ in range(count):
-            # The first goes and comes back as the last, so that after a round each had its turn.
-            place, best = best_beside(own[1:])
-            own = [*own[1:], place]
-        if not best > before:
-            break
-    return np.unique(np.array(tried, dtype=np.intp), axis=0)
-
-
-def _grid_starts(series: Sequence[SearchedRun], count: int, common: FloatArray) -> Iterator[FloatArray]:
-    """A few sets of grid poles, the best first, no two of them neighbours in every pole."""
-    grid = pole_grid(series, max(GRID_POLES, 2 * count + 4))
-    first, width = len(common), 1 + sum(run.free_start for run in series)
-    rows = np.zeros((1 + first + len(grid) * width, sum(len(run.time) for run in series)))
-    rows[0] = np.concatenate([run.readings for run in series])
-    rows[1 : 1 + first] = common
-    blocks = rows[1 + first :].reshape(len(grid), width, -1)
-    place, begin = 1, 0
-    for run in series:
-        end = begin + len(run.time)
-        state = np.empty((len(grid), len(run.drive.kind) + 1))
-        pole_values(run.drive.durations, run.drive.kind, run.drive.start, run.drive.end, grid, state)
-        blocks[:, 0, begin:end] = state if run.drive.rows is None else state[:, run.drive.rows]
-        if run.free_start:
-            blocks[:, place, begin:end] = np.exp(np.outer(grid, run.time))
-            place += 1
-        begin = end
-    rows *= np.concatenate([run.weight for run in series])
-    products = rows[1:] @ rows.T
-    scale = np.sqrt(np.maximum(products[:, 1:].diagonal(), 1e-300))
-    gram, right = products[:, 1:] / (scale[:, None] * scale), products[:, 0] / scale
-
-    def gains(choices: npt.NDArray[np.intp]) -> FloatArray:
-        index = np.empty((len(choices), first + choices.shape[1] * width), dtype=np.intp)
-        index[:, :first] = np.arange(first)
-        index[:, first:] = (first + width * choices[:, :, None] + np.arange(width)).reshape(len(choices), -1)
-        # A little of the identity keeps nearly parallel columns from spoiling a choice; the descent is exact.
-        matrices = gram[index[:, :, None], index[:, None, :]] + 1e-10 * np.eye(index.shape[1])
-        vectors = right[index]
-        return np.asarray((vectors * np.linalg.solve(matrices, vectors[:, :, None])[:, :, 0]).sum(axis=1))
-
-    few = math.comb(len(grid), count) <= _MOST_SETS
-    choices = _choices(len(grid), count) if few else _exchanged(len(grid), count, gains)
-    left = choices[np.argsort(-gains(choices))]
-    for _ in range(_GRID_STARTS):
-        if not len(left):
-            break
-        yield grid[left[0]]
-        left = left[(np.abs(left - left[0]) > 1).any(axis=1)]
-
-
-def _descend(table: _Table, series: Sequence[SearchedRun], poles: FloatArray) -> PoleFit:
-    """Damped Gauss-Newton steps in log(-pole), the linear part solved exactly at each."""
-    count, first, width = len(poles), table.common, table.width
-    span = count * width
+def _descend(table: _Table, position: FloatArray, steps: int = _AT_LENGTH) -> PoleFit:
+    """Damped Gauss-Newton steps of a position, the linear part solved exactly at each."""
+    first, span = table.common, table.span
     linear_rows, slope_rows = slice(1, 1 + first + span), slice(1 + first + span, 1 + first + 2 * span)
-    fastest = 1000.0 / min(float(run.drive.durations.min()) for run in series)
-    slowest = 1e-3 / max(float(run.time[-1] - run.time[0]) for run in series)
-    lower, upper = math.log(slowest), math.log(fastest)
-    pole, place = np.arange(count)[:, None], np.arange(span).reshape(count, width)
+    lower, upper = table.limits()
 
     def measure(position: FloatArray) -> tuple[float, FloatArray, FloatArray, FloatArray, FloatArray]:
-        found = -np.exp(position)
-        products = table.gram(found)
+        products = table.gram(*table.poles(position))
         gram, right = products[linear_rows, linear_rows], products[linear_rows, 0]
         # Poles that have met share a column, and a response that no reading sees is a column of zeros.
         inverse = pseudo_inverse(gram)
@@ -274,9 +254,7 @@ def _descend(table: _Table, series: Sequence[SearchedRun], poles: FloatArray) ->
         # where poles meet, on which side they part again hangs on it.
         linear += inverse @ (table.rows[linear_rows] @ (table.rows[0] - linear @ table.rows[linear_rows]))
         left = table.rows[0] - linear @ table.rows[linear_rows]
-        # How the model moves with the logarithm of each pole: a mix of the slope rows.
-        chosen = np.zeros((span, count))
-        chosen[place, pole] = linear[first:].reshape(count, width) * found[:, None]
+        chosen = table.moved(linear, position)
         mixed = products[linear_rows, slope_rows] @ chosen
         moved = chosen.T @ products[slope_rows, slope_rows] @ chosen
         curvature = moved - mixed.T @ inverse @ mixed
@@ -285,12 +263,11 @@ def _descend(table: _Table, series: Sequence[SearchedRun], poles: FloatArray) ->
         # Not y'y less what is explained: where large residues cancel, rounding would leave less than nothing.
         return float(left @ left), linear, curvature, gradient, sizes
 
-    position = np.log(-poles)
     cost, linear, curvature, gradient, sizes = measure(position)
     # Below this part of the readings' power a cost is rounding.
     rounding = 1e-13 * float(table.rows[0] @ table.rows[0])
     damping = 1e-3
-    for _ in range(60):
+    for _ in range(steps):
         step = damped_step(curvature, gradient, damping, sizes)
         if abs(float(step @ (2.0 * gradient - curvature @ step))) < _UNSEEN * rounding:
             break
@@ -308,5 +285,4 @@ def _descend(table: _Table, series: Sequence[SearchedRun], poles: FloatArray) ->
             if -gain <= _SETTLED * cost + rounding or damping > 1e8:
                 break
             damping = max(damping * 10.0, 1e-4)
-    order = np.argsort(-position)
-    return PoleFit(-np.exp(position[order]), linear[first::width][order], linear[:first], cost)
+    return table.fit(position, linear, cost)

@@ -12,6 +12,7 @@ import numpy.typing as npt
 from ipmclab.model.numerics.poles_loop import pole_response, shifted_levels
 
 FloatArray = npt.NDArray[np.float64]
+ComplexArray = npt.NDArray[np.complex128]
 
 _EVERY: Final = np.empty(0, dtype=np.intp)
 
@@ -44,6 +45,19 @@ def respond(drive: Drive, poles: FloatArray, state: FloatArray, slope: FloatArra
     """Write the same where it is wanted."""
     rows = _EVERY if drive.rows is None else drive.rows
     pole_response(drive.durations, drive.kind, drive.start, drive.end, poles, rows, state, slope)
+
+
+def complex_responses(drive: Drive, poles: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
+    """The same of complex poles."""
+    from ipmclab.model.numerics.tangents_modal_loop import pole_answers, pole_moves
+
+    moves = np.empty((6, len(drive.durations), len(poles)), dtype=np.complex128)
+    pole_moves(poles, drive.durations, 1.0, moves)
+    row = np.full(len(drive.kind) + 1, -1)
+    row[slice(None) if drive.rows is None else drive.rows] = np.arange(len(drive.present))
+    answers = np.empty((2 * len(poles), len(drive.present)), dtype=np.complex128)
+    pole_answers(moves, drive.kind, drive.start, drive.end, row, 0.0, answers)
+    return answers[: len(poles)], answers[len(poles) :]
 
 
 def shifted(voltage: FloatArray, step: float, delay: float, *, from_rest: bool) -> Drive:

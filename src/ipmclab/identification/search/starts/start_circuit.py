@@ -11,7 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.identification.problem.record import LONGEST_DELAY, EdgeDelay, PreparedRun, drive
-from ipmclab.identification.search.varpro import PoleFit, SearchedRun, search_poles
+from ipmclab.identification.search.searched_run import SearchedRun
+from ipmclab.identification.search.varpro import PoleFit, search_poles
 from ipmclab.model import geometry
 from ipmclab.model.admittance import Admittance, Elements, elements
 from ipmclab.run import Run

@@ -2,30 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations, islice
-from typing import Final
+from itertools import combinations
+from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from ipmclab.identification.problem.free_run import seen_from_sensor
 from ipmclab.identification.problem.record import PreparedRun, model_hold
-from ipmclab.identification.search.starts.complex_pairs import best_pairs
+from ipmclab.identification.search.searched_run import SearchedRun
 from ipmclab.identification.search.starts.slow_modes import slow_modes, slow_poles, slow_values
-from ipmclab.identification.search.starts.start_turning import TurningFit, search_turning
-from ipmclab.identification.search.varpro import PoleFit, SearchedRun, all_minima, search_poles
+from ipmclab.identification.search.varpro import PoleFit, all_minima, near_pairs, pair_minima, search_poles
 from ipmclab.model import Actuator, simulate_outputs
 from ipmclab.model.numerics.drive import Drive, responses
 
 FloatArray = npt.NDArray[np.float64]
 
-_MEETING: Final = 1.3  # ratio of two real poles below which they may be a complex pair
-_MINIMA: Final = 2  # that are followed
-_PAIRS: Final = 3  # of complex poles that are followed, where real ones meet
-_HOPELESS: Final = 100.0  # times the least cost, where poles that stand apart have it: no start leads below those
-_AS_GOOD: Final = 1.02  # part of the least cost of real poles up to which complex ones are tried: where poles meet
+_NONE: Final = np.empty(0)  # where no poles stand beside those of d(s)
+_STATIC: Final = 1e-3  # of what d(s) has at its corner, where the best static part is none that a strip has
+_MEETING: Final = 1.3  # ratio of two real poles below which they count as met
+_MINIMA: Final = 2  # of real poles that are followed
+_PAIRS: Final = 12  # of those with a complex pair, at most
+_HOPEFUL: Final = 4.0  # times the least cost of real poles, up to which these are followed
+_HOPELESS: Final = 100.0  # times the least cost of real poles: no start leads from there below it
+_AS_GOOD: Final = 1.02  # part of the least cost of real poles up to which complex slow ones are tried
 
 
 def coupling_starts(
@@ -51,9 +53,8 @@ def coupling_starts(
     separate = stiffness_is_free and bool(moving.series) and bool(pressing.series)
     if slow["displacement"] == slow["force"] == 0:
         every = moving if separate else motion
-        found = _from(every, _worth_it(_minima(every, 2)))
         stiffness = _stiffness(_minima(moving, 2)[0], pressing.series) if separate else 1.0
-        return [_named(start) | _modulus(actuator, stiffness, separate) for start in found]
+        return [_named(start) | _modulus(actuator, stiffness, separate) for start in _from(every, _minima(every, 2))]
     starts = []
     for of, other in ((moving, pressing), (pressing, moving)):
         if not of.series or (separate and of is pressing):
@@ -67,40 +68,30 @@ def coupling_starts(
     return starts
 
 
-def _worth_it(minima: Sequence[PoleFit]) -> list[PoleFit]:
-    """The minima of real poles that are tried: where the best ones meet, complex ones may lie beside any of them."""
-    best = minima[0]
-    if _meet(best):
-        return list(minima[:_MINIMA])
-    return [found for found in minima[:_MINIMA] if found.cost < _HOPELESS * best.cost]
-
-
 def _with_slow_modes(actuator: Actuator, of: MotionSeries, slow: int) -> Iterator[tuple[_Start, dict[str, float]]]:
-    """Starts of d(s) with the slow modes of one output, those with complex poles first where they explain as much."""
-    real = _minima(of, 2 + slow)[:_MINIMA]
+    """Starts of d(s) with the slow modes of one output, those with complex slow poles first, if as good."""
+    real = _minima(of, 2 + slow)
     if slow == 2 and f"relaxation.{of.output}_pair.0.ratio" in actuator.parameter_values:
-        turning = search_turning(of.series, sensors(of))
         # The cost of poles that have met is what rounding leaves of it.
-        apart = [found.cost for found in real if not _meet(found)]
-        if turning is not None and turning.cost < _AS_GOOD * min(apart, default=np.inf):
-            yield _turning(of, turning)
+        apart = [found.cost for found in real[:_MINIMA] if not _meet(found)]
+        for turning in _within_drifts(of, lambda series, common: pair_minima(series, 2, common))[:1]:
+            if turning.cost < _AS_GOOD * min(apart, default=np.inf):
+                yield _turning(of, turning)
     for start in _from(of, real):
         yield start, slow_values(actuator, of.output, start.slow)
 
 
-def _turning(of: MotionSeries, found: TurningFit) -> tuple[_Start, dict[str, float]]:
-    p1, p2 = float(-np.sum(found.poles)), float(np.prod(found.poles))
-    level, gain = -float(found.residues @ found.poles[::-1]), float(np.sum(found.residues))
-    level = level if level > 0 else 1e-12
-    nyquist = float(np.pi * max(record.run.rate for record, _ in of.labels))
-    name, static = f"relaxation.{of.output}_pair.0", level / p2
+def _turning(of: MotionSeries, found: PoleFit) -> tuple[_Start, dict[str, float]]:
+    """Two real poles of d(s), and a complex pair (r + lead s)/(1 + 2 zeta tau s + tau^2 s^2) of slow ones."""
+    slow, start = _of_pair(found), _start(of, _of_poles(found.poles, found.residues))
+    name, static, tau = f"relaxation.{of.output}_pair.0", start.level / start.p2, slow.p2**-0.5
     values = {
-        f"{name}.ratio": -found.constant / static,
-        f"{name}.lead": -found.lead / static,
-        f"{name}.time_constant": found.time_constant,
-        f"{name}.damping_ratio": found.damping_ratio,
+        f"{name}.ratio": -slow.level * tau**2 / static,
+        f"{name}.lead": -slow.gain * tau**2 / static,
+        f"{name}.time_constant": tau,
+        f"{name}.damping_ratio": 0.5 * slow.p1 * tau,
     }
-    return _Start(level, min(level / gain, nyquist) if gain > 0 else nyquist, p1, p2), values
+    return start, values
 
 
 def _modulus(actuator: Actuator, stiffness: float, separate: bool) -> dict[str, float]:
@@ -127,51 +118,64 @@ def _named(start: _Start) -> dict[str, float]:
     }
 
 
-def _from(motion: MotionSeries, minima: Sequence[PoleFit]) -> list[_Start]:
+class _Quadratic(NamedTuple):
+    """Two poles as (level + gain s)/(s^2 + p1 s + p2)."""
+
+    level: float
+    gain: float
+    p1: float
+    p2: float
+
+
+def _of_poles(poles: FloatArray, residues: FloatArray) -> _Quadratic:
+    level = -float(residues @ poles[::-1])
+    return _Quadratic(level, float(np.sum(residues)), float(-np.sum(poles)), float(np.prod(poles)))
+
+
+def _of_pair(found: PoleFit) -> _Quadratic:
+    assert found.pair is not None
+    pair = found.pair
+    level = -(pair.residue * pair.pole.conjugate()).real
+    return _Quadratic(level, pair.residue.real, -2.0 * pair.pole.real, abs(pair.pole) ** 2)
+
+
+def _start(motion: MotionSeries, fast: _Quadratic, poles: FloatArray = _NONE, residues: FloatArray = _NONE) -> _Start:
+    """A start from the poles of d(s) and those of slow modes beside them."""
     nyquist = float(np.pi * max(record.run.rate for record, _ in motion.labels))
-    starts: list[_Start] = []
-    for found in minima:
-        fast, level, gain = _fast_pair(found)
-        p1, p2 = float(-np.sum(found.poles[fast])), float(np.prod(found.poles[fast]))
-        modes = slow_modes(np.delete(found.poles, fast), np.delete(found.residues, fast), level / p2)
-        seen_zero = level / gain if gain > 0 else np.inf
-        # A zero beyond the Nyquist rate hardly shows, and one far beyond it not at all: it is put nearer.
-        starts.append(_Start(level, min(seen_zero, nyquist), p1, p2, modes))
-    if any(_meet(found) for found in minima):
-        starts += islice(_complex(motion, len(minima[0].poles) - 2, nyquist), _PAIRS)
+    # No strip has a static part that is not above zero: nearly none is what is nearest.
+    level = fast.level if fast.level > 0.0 else _STATIC * abs(fast.gain) * fast.p2**0.5 or 1e-12
+    seen_zero = level / fast.gain if fast.gain > 0 else np.inf
+    # A zero beyond the Nyquist rate hardly shows, and one far beyond it not at all: it is put nearer.
+    return _Start(level, min(seen_zero, nyquist), fast.p1, fast.p2, slow_modes(poles, residues, level / fast.p2))
+
+
+def _from(motion: MotionSeries, real: Sequence[PoleFit]) -> list[_Start]:
+    """Starts from minima of real poles, and from those of as many with a complex pair among them for d(s)."""
+    hopeless, starts = _HOPELESS * real[0].cost, []
+    for found in real[:_MINIMA]:
+        if found.cost < hopeless or found is real[0]:
+            fast = _fast_pair(found)
+            rest = np.delete(found.poles, fast), np.delete(found.residues, fast)
+            starts.append(_start(motion, _of_poles(found.poles[fast], found.residues[fast]), *rest))
+    count = len(real[0].poles) - 2
+    for found in _within_drifts(motion, lambda series, common: near_pairs(series, count, common, hopeless))[:_PAIRS]:
+        if found.cost < _HOPEFUL * real[0].cost:
+            starts.append(_start(motion, _of_pair(found), found.poles, found.residues))
     return starts
 
 
 def _meet(found: PoleFit) -> bool:
-    """Whether two of the poles are equal: then complex ones may follow the readings better."""
+    """Whether two of the poles are equal."""
     return bool(np.min(found.poles[:-1] / found.poles[1:]) < _MEETING)
 
 
-def _complex(motion: MotionSeries, slow: int, nyquist: float) -> Iterator[_Start]:
-    """Starts with complex poles and the slow modes beside them."""
-    for found in best_pairs(motion.series, sensors(motion), slow):
-        if found.constant > 0.0:
-            corner = 1.0 / found.time_constant
-            zero = min(found.constant / found.lead, nyquist) if found.lead > 0.0 else nyquist
-            modes = slow_modes(found.poles, found.residues, found.constant)
-            yield _Start(found.constant * corner**2, zero, 2.0 * found.damping_ratio * corner, corner**2, modes)
-
-
-def _fast_pair(found: PoleFit) -> tuple[list[int], float, float]:
-    """Which two poles are those of d(s), its K_d Z_d and its K_d.
+def _fast_pair(found: PoleFit) -> list[int]:
+    """Which two poles are those of d(s).
 
     Any two would do, for which is called slow is a name: the fastest two that a positive d(0) can have.
     """
-    every = []
-    for pair in combinations(range(len(found.poles)), 2):
-        fast = list(pair)
-        level = -float(found.residues[fast] @ found.poles[fast[::-1]])
-        every.append((fast, level, float(np.sum(found.residues[fast]))))
-    for fast, level, gain in every:
-        if level > 0:
-            return fast, level, gain
-    fast, level, gain = every[0]
-    return fast, abs(level) or 1e-12, gain
+    every = [list(pair) for pair in combinations(range(len(found.poles)), 2)]
+    return next((fast for fast in every if _of_poles(found.poles[fast], found.residues[fast]).level > 0.0), every[0])
 
 
 def _with_other(
@@ -200,16 +204,23 @@ def _with_other(
 
 
 def _minima(motion: MotionSeries, count: int) -> list[PoleFit]:
-    """Every different minimum of so many poles, no sensor drifting by more than its rows at 0 V allow."""
-    found = all_minima(motion.series, count, sensors(motion))
-    held = dict(_beyond(motion, found[0].common))
+    """Every different minimum of so many real poles."""
+    return _within_drifts(motion, lambda series, common: all_minima(series, count, common))
+
+
+def _within_drifts(
+    motion: MotionSeries, search: Callable[[Sequence[SearchedRun], FloatArray], list[PoleFit]]
+) -> list[PoleFit]:
+    """What a search finds, no sensor drifting by more than its rows at 0 V allow."""
+    found = search(motion.series, sensors(motion))
+    held = dict(_beyond(motion, found[0].common)) if found else {}
     if not held:
         return found
     series = [
         replace(run, readings=run.readings - held[k] * run.time) if k in held else run
         for k, run in enumerate(motion.series)
     ]
-    return all_minima(series, count, sensors(motion, without=held))
+    return search(series, sensors(motion, without=held))
 
 
 def _beyond(motion: MotionSeries, common: FloatArray) -> Iterator[tuple[int, float]]:

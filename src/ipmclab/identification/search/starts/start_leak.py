@@ -16,8 +16,9 @@ import numpy.typing as npt
 
 from ipmclab.identification.problem.record import PreparedRun
 from ipmclab.identification.problem.response import lumped
+from ipmclab.identification.search.searched_run import SearchedRun
 from ipmclab.identification.search.starts.start_circuit import circuit_values, current_series
-from ipmclab.identification.search.varpro import SearchedRun, search_poles
+from ipmclab.identification.search.varpro import search_poles
 from ipmclab.model import Actuator
 from ipmclab.model.admittance import Admittance, admittance
 from ipmclab.model.declared import is_of_leak

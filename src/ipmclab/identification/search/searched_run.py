@@ -1,0 +1,39 @@
+"""One run as the searches for poles see it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.model.numerics.drive import Drive
+
+FloatArray = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class SearchedRun:
+    """One run as the search sees it.
+
+    Parameters
+    ----------
+    drive : Drive
+    time : float array, shape (n_time,) [s]
+        Since the start of the drive.
+    readings : float array, shape (n_time,)
+        Zero where ``weight`` is.
+    weight : float array, shape (n_time,)
+        One over the noise; zero for a reading to be left out.
+    free_start : bool
+        Whether the state at the start is unknown.
+    step : float [s], optional
+        Between two rows, where readings are means of several.
+    """
+
+    drive: Drive
+    time: FloatArray
+    readings: FloatArray
+    weight: FloatArray
+    free_start: bool = False
+    step: float | None = None
