@@ -52,7 +52,7 @@ def check_together(runs: Sequence[Run]) -> tuple[Finding, ...]:
     >>> [finding.code for finding in check_together([step(0.06), step(0.06), step(0.03)])]
     ['state-unchanged', 'state-changed', 'state-changed']
     """
-    records = [Record.of(run) for run in runs]
+    records = [_with_rows_of_gaps(Record.of(run)) for run in runs]
     found: list[Finding] = []
     for (first, one), (second, other) in itertools.combinations(enumerate(records), 2):
         ids = {record.run.metadata.sample.id for record in (one, other) if record.run.metadata.sample}
@@ -91,6 +91,38 @@ def _compare(first: int, one: Record, second: int, other: Record) -> list[Findin
                 ]
                 found.append(_or_a_zero(finding, responses[1][both] - responses[0][both], noise, unshown, one))
     return sorted(found, key=lambda finding: finding.channel or "")
+
+
+def _with_rows_of_gaps(record: Record) -> Record:
+    """The record with a row at each tick of its clock: one that is missing has no reading, and the voltage before it.
+
+    Rows are compared by their places behind the edge. A record of which less than half is there stays as it is.
+    """
+    run = record.run
+    if run.is_uniform:
+        return record
+    places = np.rint((run.time - run.time[0]) / record.period).astype(np.intp)
+    count = int(places[-1]) + 1
+    if not len(run) < count <= 2 * len(run) or np.any(np.diff(places) < 1):
+        return record
+    before = np.searchsorted(places, np.arange(count), side="right") - 1
+    is_read = np.isin(np.arange(count), places)
+
+    def spread(values: FloatArray | None) -> FloatArray | None:
+        return None if values is None else np.where(is_read, values[before], np.nan)
+
+    return Record.of(
+        Run(
+            time=np.interp(np.arange(count), places, run.time),
+            voltage=run.voltage[before],
+            current=spread(run.current),
+            displacement=spread(run.displacement),
+            force=spread(run.force),
+            hold=run.hold,
+            metadata=run.metadata,
+            file=run.file,
+        )
+    )
 
 
 def _name(record: Record, place: int) -> str:
