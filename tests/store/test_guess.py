@@ -116,6 +116,8 @@ STYLES: dict[str, Style] = {
         ("Zeit (ms)", "Spannung (V)", "Strom (µA)", "Weg (mm)"), ";", ",", "cp1252", scales=(1e3, 1, 1e6, 1e3)
     ),
     "cp1252 in words": Style(("temps (s)", "tension (V)", "courant (mA)", "déplacement (mm)"), ";", ",", "cp1252"),
+    "cp1250": Style(("Czas (s)", "Napięcie (V)", "Prąd (mA)", "Ugięcie (mm)"), ";", ",", "cp1250"),
+    "czech": Style(("Čas (s)", "Napětí (V)", "Proud (mA)", "Výchylka (mm)"), ";", ",", "cp1250"),
     "cp850": Style(
         ("Zeit (ms)", "Spannung (V)", "Strom (µA)", "Weg (mm)"), ";", ",", "cp850", scales=(1e3, 1, 1e6, 1e3)
     ),
@@ -166,6 +168,8 @@ STYLES: dict[str, Style] = {
     "blank readings": Style(spoil=lose("")),
     "words for no reading": Style(spoil=lose("#N/A")),
     "infinite readings": Style(spoil=lose("Inf")),
+    "dashes for no reading": Style(spoil=lose("---")),
+    "dashes below the headings": Style(between="---,---,---,---"),
     "iso dates": Style(times=stamps(lambda t: t.isoformat(" ")), names=("timestamp", *Style.names[1:])),
     "iso dates with zone": Style(times=stamps(lambda t: t.isoformat() + "+01:00"), names=("time", *Style.names[1:])),
     "german dates": Style(("Datum", *GERMAN[1:]), ";", ",", times=stamps(lambda t: t.strftime("%d.%m.%Y %H:%M:%S,%f"))),
