@@ -336,6 +336,14 @@ def test_a_mark_that_may_stand_for_thousands_is_asked(tmp_path: Path) -> None:
         import_run(path, guess_map(path, {"file.decimal": "."}).map)
 
 
+@pytest.mark.parametrize("cell", ["0.100000", ""])
+def test_times_that_go_back_or_are_missing_are_told_with_their_line(cell: str, tmp_path: Path) -> None:
+    path = Style(spoil=lambda rows: [*rows[:20], [cell, *rows[20][1:]], *rows[21:]]).save(tmp_path)
+    (question,) = guess_map(path).questions
+    assert question.key == "sampling_period"
+    assert question.text.startswith("the times in 'time (s)' do not rise at line 22: what is the time between")
+
+
 def test_times_that_come_twice_are_told_with_their_line(tmp_path: Path) -> None:
     path = STYLES["a time twice"].save(tmp_path)
     guess = guess_map(path)
