@@ -61,6 +61,13 @@ def test_runs_that_wait_differently_before_the_step_and_have_gaps(read: Read) ->
     assert len(findings) == 3
 
 
+def test_the_same_record_twice_is_no_agreement_of_two(read: Read) -> None:
+    step = read("step 1 V")
+    (finding,) = check_together([step, replace(step, file="copy.nc")])
+    assert (finding.code, finding.severity) == ("same-run-twice", "warning")
+    assert "run 1 (copy.nc) is the same record as run 0" in finding.message
+
+
 def test_rows_that_are_missing_are_no_change_of_state() -> None:
     """Rows were compared by their numbers: behind a gap those of other times stood side by side."""
     time = np.arange(1500) / 25.0

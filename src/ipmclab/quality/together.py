@@ -26,8 +26,9 @@ def check_together(runs: Sequence[Run]) -> tuple[Finding, ...]:
     Up to that time the responses must agree too, if the strip was in the same state: no model
     is needed. The runs are aligned at their first voltage edge. ``state-changed`` is a warning
     with the ratio of the responses and the root mean square of their difference against the
-    noise; ``state-unchanged`` says that a comparison found no difference. Runs whose voltages
-    differ from the start, or whose sample ids differ, are not compared.
+    noise; ``state-unchanged`` says that a comparison found no difference, ``same-run-twice`` that
+    there was nothing to compare. Runs whose voltages differ from the start, or whose sample ids
+    differ, are not compared.
 
     Parameters
     ----------
@@ -56,9 +57,23 @@ def check_together(runs: Sequence[Run]) -> tuple[Finding, ...]:
     found: list[Finding] = []
     for (first, one), (second, other) in itertools.combinations(enumerate(records), 2):
         ids = {record.run.metadata.sample.id for record in (one, other) if record.run.metadata.sample}
-        if len(ids) < 2:
+        if len(ids) > 1:
+            continue
+        if one.run.content_sha256 == other.run.content_sha256:
+            found.append(_twice(_name(one, first), _name(other, second), (first, second)))
+        else:
             found += _compare(first, one, second, other)
     return tuple(found)
+
+
+def _twice(one: str, other: str, places: tuple[int, int]) -> Finding:
+    return Finding(
+        code="same-run-twice",
+        severity="warning",
+        message=f"{other} is the same record as {one}, to the last digit",
+        repair="give each record once: a fit of both is refused",
+        values={"first": places[0], "second": places[1]},
+    )
 
 
 def _compare(first: int, one: Record, second: int, other: Record) -> list[Finding]:
