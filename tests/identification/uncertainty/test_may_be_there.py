@@ -45,7 +45,7 @@ def test_one_step_above_the_threshold_does_not_tell_a_leak_from_the_dc_path() ->
 
 
 def test_a_step_below_it_does() -> None:
-    """As the fit advises: record below and above the threshold."""
+    """As the fit advises: record above the threshold, and below it."""
     fit = identify(TRUTH, [step(1.0, 1), step(2.5, 2)], free="electrical,leak")
     assert all(one.determined for one in fit.parameters.values())
     assert (
