@@ -36,6 +36,14 @@ def codes(actuator: Actuator | Fit, run: Run, **given: float) -> list[str]:
     return [finding.code for finding in forecast(actuator, run, **{"origin": 40.0, **given}).findings]
 
 
+def test_a_channel_of_noise_alone_is_told() -> None:
+    run = record(strip())
+    noise = 5e-5 * np.random.default_rng(20261128).standard_normal(len(run))
+    found = forecast(None, replace(run, force=noise), origin=40.0, channel="force").findings
+    assert [finding.code for finding in found if finding.channel == "force"] == ["noise-only"]
+    assert "noise-only" not in codes(strip(), replace(run, force=noise))
+
+
 def undetermined(names: tuple[str, ...], ratio: float) -> Fit:
     """A fit that left some parameters open, its ratio at a value that means nothing."""
     fit = identify(strip(), record(strip()), free=["coupling.gain", RATIO, TAU])

@@ -61,6 +61,29 @@ def test_runs_that_wait_differently_before_the_step_and_have_gaps(read: Read) ->
     assert len(findings) == 3
 
 
+def test_the_same_record_twice_is_no_agreement_of_two(read: Read) -> None:
+    step = read("step 1 V")
+    (finding,) = check_together([step, replace(step, file="copy.nc")])
+    assert (finding.code, finding.severity) == ("same-run-twice", "warning")
+    assert "run 1 (copy.nc) is the same record as run 0" in finding.message
+
+
+def test_rows_that_are_missing_are_no_change_of_state() -> None:
+    """Rows were compared by their numbers: behind a gap those of other times stood side by side."""
+    time = np.arange(1500) / 25.0
+    current = np.where(time >= 2.0, 2e-3 + 8e-2 * np.exp(-(time - 2.0) / 3.0), 0.0)
+    current += 2e-4 * np.random.default_rng(20261128).standard_normal(1500)
+    whole = Run.from_arrays(time=time, voltage=np.where(time >= 2.0, 1.0, 0.0), current=current)
+    there = np.ones(1500, dtype=bool)
+    there[100:140] = there[700] = False
+    part = Run(time=time[there], voltage=whole.voltage[there], current=current[there], file="part.nc")
+    for pair in ([whole, part], [part, whole]):
+        (finding,) = check_together(pair)
+        assert finding.code == "state-unchanged"
+        assert finding.values["difference"] == 0.0
+        assert "(part.nc)" in finding.message
+
+
 def held(level: float, noise: float, seed: int) -> Run:
     """At rest for 5 s, then 40 s at 1 V, through which the displacement stands at a level."""
     time = np.arange(2250) / 50.0

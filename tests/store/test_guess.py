@@ -116,6 +116,8 @@ STYLES: dict[str, Style] = {
         ("Zeit (ms)", "Spannung (V)", "Strom (µA)", "Weg (mm)"), ";", ",", "cp1252", scales=(1e3, 1, 1e6, 1e3)
     ),
     "cp1252 in words": Style(("temps (s)", "tension (V)", "courant (mA)", "déplacement (mm)"), ";", ",", "cp1252"),
+    "cp1250": Style(("Czas (s)", "Napięcie (V)", "Prąd (mA)", "Ugięcie (mm)"), ";", ",", "cp1250"),
+    "czech": Style(("Čas (s)", "Napětí (V)", "Proud (mA)", "Výchylka (mm)"), ";", ",", "cp1250"),
     "cp850": Style(
         ("Zeit (ms)", "Spannung (V)", "Strom (µA)", "Weg (mm)"), ";", ",", "cp850", scales=(1e3, 1, 1e6, 1e3)
     ),
@@ -166,6 +168,8 @@ STYLES: dict[str, Style] = {
     "blank readings": Style(spoil=lose("")),
     "words for no reading": Style(spoil=lose("#N/A")),
     "infinite readings": Style(spoil=lose("Inf")),
+    "dashes for no reading": Style(spoil=lose("---")),
+    "dashes below the headings": Style(between="---,---,---,---"),
     "iso dates": Style(times=stamps(lambda t: t.isoformat(" ")), names=("timestamp", *Style.names[1:])),
     "iso dates with zone": Style(times=stamps(lambda t: t.isoformat() + "+01:00"), names=("time", *Style.names[1:])),
     "german dates": Style(("Datum", *GERMAN[1:]), ";", ",", times=stamps(lambda t: t.strftime("%d.%m.%Y %H:%M:%S,%f"))),
@@ -330,6 +334,14 @@ def test_a_mark_that_may_stand_for_thousands_is_asked(tmp_path: Path) -> None:
     assert import_run(path, guess_map(path, {"file.decimal": ","}).map).displacement[3] == pytest.approx(4.203e-6)  # type: ignore[index]
     with pytest.raises(InputError, match=r"in column .x \[um\]. is not a number; write decimal = "):
         import_run(path, guess_map(path, {"file.decimal": "."}).map)
+
+
+@pytest.mark.parametrize("cell", ["0.100000", ""])
+def test_times_that_go_back_or_are_missing_are_told_with_their_line(cell: str, tmp_path: Path) -> None:
+    path = Style(spoil=lambda rows: [*rows[:20], [cell, *rows[20][1:]], *rows[21:]]).save(tmp_path)
+    (question,) = guess_map(path).questions
+    assert question.key == "sampling_period"
+    assert question.text.startswith("the times in 'time (s)' do not rise at line 22: what is the time between")
 
 
 def test_times_that_come_twice_are_told_with_their_line(tmp_path: Path) -> None:

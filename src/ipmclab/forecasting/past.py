@@ -118,9 +118,11 @@ def read_past(
                 voltage[start:stop] = 0.0
         elif finding.code in ("sampling-period-unknown", "contact-lost"):
             kept.append(finding)
-        elif finding.code == "rate-jump" and finding.channel == channel:
+        elif finding.code in ("noise-only", "rate-jump") and finding.channel == channel:
             kept.append(finding)
-            followed.append(finding)  # the reading has moved when the forecast begins
+            followed += (
+                [finding] if finding.code == "rate-jump" else []
+            )  # the reading has moved when the forecast begins
     # What another finding says of the same rows still holds: a spike stays out.
     used = usable(observed, [finding for finding in findings if finding not in followed])[channel]
     used = used & np.isfinite(values[:past])

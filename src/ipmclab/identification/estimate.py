@@ -48,6 +48,7 @@ from ipmclab.identification.search.starts.usual import usual_coupling
 from ipmclab.identification.search.tangent import entry_errors, null_directions
 from ipmclab.identification.search.valleys import Minima, Rival
 from ipmclab.identification.solved import Estimate
+from ipmclab.identification.uncertainty.may_be_there import with_usual_stages
 from ipmclab.identification.uncertainty.unshown_zero import unshown_zeros
 from ipmclab.model import Actuator
 from ipmclab.model.parameters import Parameter
@@ -113,6 +114,8 @@ def estimate(actuator: Actuator, names: FreeParameters, records: Sequence[Prepar
             walked = minima.valley.under(problem, solution)
             valley = along_valleys(actuator, names, problem, solution) if walked is None else walked
             rivals += allowed_places(problem, solution, valley, under.inflation)
+    if with_unseen is not None:
+        rivals += tuple(with_usual_stages(with_unseen, unseen, Rival.of(problem, solution.theta)))
     return Estimate(parameters, problem, solution, rivals, tuple(findings), under, unseen, with_unseen, white)
 
 

@@ -26,8 +26,9 @@ def check_together(runs: Sequence[Run]) -> tuple[Finding, ...]:
     Up to that time the responses must agree too, if the strip was in the same state: no model
     is needed. The runs are aligned at their first voltage edge. ``state-changed`` is a warning
     with the ratio of the responses and the root mean square of their difference against the
-    noise; ``state-unchanged`` says that a comparison found no difference. Runs whose voltages
-    differ from the start, or whose sample ids differ, are not compared.
+    noise; ``state-unchanged`` says that a comparison found no difference, ``same-run-twice`` that
+    there was nothing to compare. Runs whose voltages differ from the start, or whose sample ids
+    differ, are not compared.
 
     Parameters
     ----------
@@ -52,13 +53,27 @@ def check_together(runs: Sequence[Run]) -> tuple[Finding, ...]:
     >>> [finding.code for finding in check_together([step(0.06), step(0.06), step(0.03)])]
     ['state-unchanged', 'state-changed', 'state-changed']
     """
-    records = [Record.of(run) for run in runs]
+    records = [_with_rows_of_gaps(Record.of(run)) for run in runs]
     found: list[Finding] = []
     for (first, one), (second, other) in itertools.combinations(enumerate(records), 2):
         ids = {record.run.metadata.sample.id for record in (one, other) if record.run.metadata.sample}
-        if len(ids) < 2:
+        if len(ids) > 1:
+            continue
+        if one.run.content_sha256 == other.run.content_sha256:
+            found.append(_twice(_name(one, first), _name(other, second), (first, second)))
+        else:
             found += _compare(first, one, second, other)
     return tuple(found)
+
+
+def _twice(one: str, other: str, places: tuple[int, int]) -> Finding:
+    return Finding(
+        code="same-run-twice",
+        severity="warning",
+        message=f"{other} is the same record as {one}, to the last digit",
+        repair="give each record once: a fit of both is refused",
+        values={"first": places[0], "second": places[1]},
+    )
 
 
 def _compare(first: int, one: Record, second: int, other: Record) -> list[Finding]:
@@ -91,6 +106,38 @@ def _compare(first: int, one: Record, second: int, other: Record) -> list[Findin
                 ]
                 found.append(_or_a_zero(finding, responses[1][both] - responses[0][both], noise, unshown, one))
     return sorted(found, key=lambda finding: finding.channel or "")
+
+
+def _with_rows_of_gaps(record: Record) -> Record:
+    """The record with a row at each tick of its clock: one that is missing has no reading, and the voltage before it.
+
+    Rows are compared by their places behind the edge. A record of which less than half is there stays as it is.
+    """
+    run = record.run
+    if run.is_uniform:
+        return record
+    places = np.rint((run.time - run.time[0]) / record.period).astype(np.intp)
+    count = int(places[-1]) + 1
+    if not len(run) < count <= 2 * len(run) or np.any(np.diff(places) < 1):
+        return record
+    before = np.searchsorted(places, np.arange(count), side="right") - 1
+    is_read = np.isin(np.arange(count), places)
+
+    def spread(values: FloatArray | None) -> FloatArray | None:
+        return None if values is None else np.where(is_read, values[before], np.nan)
+
+    return Record.of(
+        Run(
+            time=np.interp(np.arange(count), places, run.time),
+            voltage=run.voltage[before],
+            current=spread(run.current),
+            displacement=spread(run.displacement),
+            force=spread(run.force),
+            hold=run.hold,
+            metadata=run.metadata,
+            file=run.file,
+        )
+    )
 
 
 def _name(record: Record, place: int) -> str:

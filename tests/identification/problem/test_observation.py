@@ -46,6 +46,23 @@ def test_rest_is_stated_shown_or_asked() -> None:
     assert prepare(charged, 0, ["current"], ()).start == "rest, which the readings do not contradict"
 
 
+def test_a_gap_at_constant_voltage_says_nothing_of_where_edges_lie() -> None:
+    """Edges were sought within three times the longest step: of a record with a gap of 2.4 s, within 7 s."""
+    voltage = np.where(np.arange(200) >= 50, 1.0, 0.0)
+    run = run_of(voltage)
+    assert run.current is not None
+
+    def period_without(first: int, stop: int) -> float:
+        there = np.ones(200, dtype=bool)
+        there[first:stop] = False
+        part = Run.from_arrays(time=run.time[there], voltage=voltage[there], current=run.current[there], hold="unknown")
+        return prepare(part, 0, ["current"], ()).period
+
+    assert period_without(0, 0) == pytest.approx(0.04)
+    assert period_without(100, 160) == pytest.approx(0.04)
+    assert period_without(45, 55) == pytest.approx(0.44)
+
+
 def test_findings_take_readings_out_or_make_them_bounds() -> None:
     run = run_of(np.ones(100))
     findings = [

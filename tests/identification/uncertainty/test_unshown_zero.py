@@ -47,6 +47,25 @@ def test_rows_at_zero_volt_show_the_zero() -> None:
     assert not said(identify(FRIEND, measured("step 1 V delay=5 s"), free=FREE))
 
 
+@pytest.mark.parametrize(("delay", "is_said"), [(0.6, True), (5.0, False)])
+def test_a_few_rows_at_zero_volt_hardly_show_it(delay: float, is_said: bool) -> None:
+    """A zero that these rows allow moves the parameters as far as is said, and freeing it tells by how much."""
+    signal = f"step 1 V delay={delay} s"
+    plain = identify(FRIEND, measured(signal), free=FREE)
+    assert not said(plain)
+    found = [finding for finding in plain.findings if finding.code == "zero-hardly-shown"]
+    assert [finding.severity for finding in found] == (["info"] if is_said else [])
+    for finding in found:
+        zero = finding.values["zero"]
+        assert zero == pytest.approx(1.96 * 1e-4 / np.sqrt(50 * delay), rel=0.1)
+        away = identify(FRIEND, measured(signal, zero=zero), free=FREE)
+        moved = abs(np.log(away.parameters[DC].value / plain.parameters[DC].value))
+        assert moved == pytest.approx(finding.values[DC], rel=0.2)
+        freed = identify(FRIEND, measured(signal, zero=zero), free=[*FREE, "observation.offset.current"])
+        assert freed.parameters[DC].interval[0] < FRIEND[DC] < freed.parameters[DC].interval[1]
+        assert not [one for one in freed.findings if one.code == finding.code]
+
+
 def test_where_the_zero_is_free_its_uncertainty_is_in_every_interval() -> None:
     fit = identify(FRIEND, measured("square 1 V 0.1 Hz"), free=[*FREE, "observation.offset.current"])
     assert not said(fit)

@@ -137,6 +137,8 @@ def test_a_fast_branch_asks_for_rows_and_a_slow_one_for_time(moved: str, duratio
     records = [prepare(simulate(FRIEND, "step 1 V", duration=duration, rate=5.0), 0, ["current"], ())]
     told = direction_of_one([moved], moved, "other values fit as well", records, fast_modes(FRIEND, records))
     assert told.sentence.startswith(f"{moved} is not determined: other values fit as well; {cure}")
+    # The short answer takes the cure from behind the last semicolon.
+    assert told.sentence.count("; ") == 1
 
 
 def test_a_fixed_value_is_not_said_to_move_what_the_readings_leave_open() -> None:

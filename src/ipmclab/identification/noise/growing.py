@@ -38,8 +38,9 @@ class Growth:
 def growth(correlated: Correlated, key: Key) -> Growth | None:
     """How the noise of one output of one run grows with the answer; None where it does not, or nobody can tell.
 
-    Whether it does is asked of the ranks (Spearman, 0.1 %), so that no single row decides; how is a variance of
-    ``a + b |y| + c y^2`` with a, b, c of 0 or more.
+    Whether it does is asked of the ranks of what is left (0.1 %), so that no single row decides: whether they go with
+    the ranks of the answer (Spearman), or with the answer itself. How it grows is a variance of ``a + b |y| + c y^2``
+    with a, b, c of 0 or more.
 
     Parameters
     ----------
@@ -63,7 +64,10 @@ def growth(correlated: Correlated, key: Key) -> Growth | None:
     from scipy.optimize import nnls
     from scipy.special import ndtr
 
-    if ndtr(-_together(_ranks(answer), _ranks(size)) / scatter) > REJECT:
+    ranks = _ranks(size)
+    # Of a step few rows are large, and among the ranks of all answers theirs hardly count.
+    surest = max(_together(_ranks(answer), ranks), _together(answer, ranks)) / scatter
+    if 2.0 * ndtr(-surest) > REJECT:
         return None
     answer = answer / answer.max()
     columns = np.column_stack([np.ones_like(answer), answer, answer * answer])

@@ -156,10 +156,15 @@ class PreparedRun:
         # What is known to rounding needs no holding.
         return (least, most) if (most - least) * duration > _EXACT * largest else (-math.inf, math.inf)
 
-    @property
+    @cached_property
     def period(self) -> float:
-        """The largest step between rows [s]."""
-        return float(np.max(np.diff(self.run.time)))
+        """The largest step between rows over which the voltage jumps [s]: an edge lies somewhere within it.
+
+        A gap while the voltage is constant says nothing of where the edges lie.
+        """
+        voltage = self.run.voltage
+        jumps = np.abs(np.diff(voltage)) > _EDGE * np.max(np.abs(voltage))
+        return float(np.max(np.diff(self.run.time)[jumps])) if jumps.any() else self.step
 
     @property
     def step(self) -> float:

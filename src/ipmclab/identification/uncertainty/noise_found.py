@@ -68,7 +68,7 @@ def noise_findings(problem: Problem, correlated: Correlated, found: Uncertainty)
     for (place, output), growth in found.growing.items():
         if (place, output) in wrong:
             continue
-        grows = f"grows with it up to {growth.times:.2g} times (Spearman, p < 0.1 %)"
+        grows = f"grows with it up to {growth.times:.2g} times (by ranks, p < 0.1 %)"
         code, said = "noise-grows", f"the noise of the {output} {grows}: errors and intervals allow for it"
         if (place, output) in drifting:
             code, said = _UNSURE, f"the {output} drifts and its noise {grows}: intervals may be too small"

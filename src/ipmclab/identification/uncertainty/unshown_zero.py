@@ -1,7 +1,7 @@
 """Zeros of sensors that no reading shows, and what they could do to the parameters.
 
-A record that begins with the voltage on shows no zero of its current. A converter whose steps are larger than the noise
-reads a small zero as none at rest.
+A record that begins with the voltage on shows no zero of its current, and a few rows at 0 V hardly do. A converter
+whose steps are larger than the noise reads a small zero as none at rest.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from ipmclab.fit.as_fitted import listed
 from ipmclab.identification.noise.pieces import directions_of
 from ipmclab.identification.noise.zeros import LARGEST_ZERO
 from ipmclab.identification.problem.problem import Problem
+from ipmclab.identification.problem.record import PreparedRun
 from ipmclab.identification.search.solve import Solution
 from ipmclab.run import Finding, FloatArray
 from ipmclab.ties import names_by_size
@@ -30,8 +31,10 @@ _NOTHING: Final = 1e-5  # of a column: below it a difference of squares is round
 def unshown_zeros(problem: Problem, solution: Solution) -> list[Finding]:
     """A finding for each run whose current was taken to read zero at 0 V, where that matters.
 
-    It matters where a zero that the readings do not contradict (95 %), and of at most one per cent of the largest
-    current, moves a parameter by more than its standard error: its interval then holds only without a zero.
+    Of a run that begins with the voltage on it matters where a zero that the readings do not contradict (95 %), and of
+    at most one per cent of the largest current, moves a parameter by more than its standard error: its interval then
+    holds only without a zero. Of one with rows at 0 V it matters where the standard error with which these show the
+    zero moves a parameter by more than half of its interval.
 
     Parameters
     ----------
@@ -41,7 +44,9 @@ def unshown_zeros(problem: Problem, solution: Solution) -> list[Finding]:
     """
     jacobian = solution.evaluation.jacobian
     free = [k for k, unknown in enumerate(problem.unknowns) if unknown.log and not unknown.nuisance]
-    records = [record for record in problem.records if record.zero_is_open and not _is_free(problem, record.place)]
+    records = [
+        record for record in problem.records if _is_taken_as_zero(record) and not _is_free(problem, record.place)
+    ]
     if not free or not records:
         return []
     inverse = directions_of(solution.evaluation)
@@ -49,18 +54,33 @@ def unshown_zeros(problem: Problem, solution: Solution) -> list[Finding]:
     found = []
     for record in records:
         key = record.place, "current"
-        column = _of_a_zero(problem, key, 1.0, np.ones(int(np.count_nonzero(record.readings["current"].used))))
+        used = record.readings["current"].used
+        column = _of_a_zero(problem, key, 1.0, np.ones(int(np.count_nonzero(used))))
         along = inverse.T @ (column @ jacobian[problem.pieces[key]])
         moved = inverse @ along
-        # What neither the parameters nor the noise imitate of it.
-        power = float(column @ column)
-        remaining = math.sqrt(max(power - float(along @ along), 0.0))
-        zero = LARGEST_ZERO * float(np.abs(record.readings["current"].measured).max(initial=0.0))
-        zero = min(zero, NORMAL_95 / remaining) if remaining > _NOTHING * math.sqrt(power) else zero
-        away = {problem.unknowns[k].name: abs(float(moved[k])) * zero for k in free if abs(moved[k]) * zero > errors[k]}
+        if record.zero_is_open:
+            # What neither the parameters nor the noise imitate of it.
+            power = float(column @ column)
+            remaining = math.sqrt(max(power - float(along @ along), 0.0))
+            zero = LARGEST_ZERO * float(np.abs(record.readings["current"].measured).max(initial=0.0))
+            zero = min(zero, NORMAL_95 / remaining) if remaining > _NOTHING * math.sqrt(power) else zero
+            matters = errors
+        else:
+            at_rest = np.where(np.flatnonzero(used) < record.resting, 1.0, 0.0)
+            zero = NORMAL_95 / float(np.linalg.norm(_of_a_zero(problem, key, 1.0, at_rest)))
+            matters = NORMAL_95**2 * errors
+        away = {
+            problem.unknowns[k].name: abs(float(moved[k])) * zero for k in free if abs(moved[k]) * zero > matters[k]
+        }
         if away:
-            found.append(_finding(record.label, zero, away))
+            found.append((_unshown if record.zero_is_open else _hardly_shown)(record.label, zero, away))
     return found
+
+
+def _is_taken_as_zero(record: PreparedRun) -> bool:
+    """Whether the current of a run on a bench was taken to read zero at 0 V."""
+    measured = "current" in record.readings and record.run.metadata.origin != "simulated"
+    return measured and ("offset", "current") not in record.unsettled
 
 
 def _is_free(problem: Problem, place: int) -> bool:
@@ -103,17 +123,34 @@ def _of_a_zero(problem: Problem, key: tuple[int, str], size: float, where: Float
     return np.asarray(problem.whitened(key, (size / problem.noise[key] * where)[None])[0])
 
 
-def _finding(label: str, zero: float, away: Mapping[str, float]) -> Finding:
+def _unshown(label: str, zero: float, away: Mapping[str, float]) -> Finding:
     channel = CHANNELS["current"]
-    lines = [f"{name} by {100.0 * math.expm1(min(away[name], 10.0)):.2g} %" for name in names_by_size(away)]
-    theirs = "more than its standard error" if len(lines) == 1 else "more than their standard errors"
+    theirs = "more than its standard error" if len(away) == 1 else "more than their standard errors"
     return Finding(
         "zero-not-shown",
         "warning",
         f"{label}: the record begins with the voltage on, so its current was taken to read zero at 0 V. A zero of "
         f"{channel.to_display(zero):.2g} {channel.display_unit}, which the readings do not contradict, would move "
-        f"{listed(lines)}, {theirs}",
+        f"{_moves(away)}, {theirs}",
         f"record 5 s at 0 V before the first edge, or free {OFFSET}",
         channel="current",
         values={"zero": zero, **away},
     )
+
+
+def _hardly_shown(label: str, zero: float, away: Mapping[str, float]) -> Finding:
+    channel = CHANNELS["current"]
+    theirs = "its interval, which counts" if len(away) == 1 else "their intervals, which count"
+    return Finding(
+        "zero-hardly-shown",
+        "info",
+        f"{label}: its rows at 0 V show the zero of the current to {channel.to_display(zero):.2g} "
+        f"{channel.display_unit} only (95 %). Such a zero would move {_moves(away)}, farther than {theirs} it as exact",
+        f"free {OFFSET}, or record longer at 0 V before the first edge",
+        channel="current",
+        values={"zero": zero, **away},
+    )
+
+
+def _moves(away: Mapping[str, float]) -> str:
+    return listed([f"{name} by {100.0 * math.expm1(min(away[name], 10.0)):.2g} %" for name in names_by_size(away)])

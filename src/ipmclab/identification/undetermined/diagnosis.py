@@ -267,7 +267,7 @@ def _cure(large: Sequence[str], asked: Sequence[str], records: Sequence[Prepared
     if "observation.delay" in moved:
         return (
             'state hold in the import map if you know it ("zero" where the voltage steps from row to row, "first" '
-            "where it moves linearly; a wrong one gives wrong values), or give runs that show the rows before and "
+            "where it moves linearly: a wrong one gives wrong values), or give runs that show the rows before and "
             "after each edge"
         )
     if len(series) == 2:

@@ -184,7 +184,7 @@ def _kind(name: str) -> StageKind:
         shows="a current that grows beyond 1.23 V",
         to_determine="record at several voltages above the threshold of the leak, by a slow sine or by steps",
         cure=("raise voltage", "record at several voltages above the threshold of the leak"),
-        to_show="record above the threshold of the leak, 1.23 V behind the electrodes",
+        to_show="record above the threshold of the leak, 1.23 V behind the electrodes, and below it",
     )
 
 

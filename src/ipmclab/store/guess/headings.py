@@ -11,16 +11,19 @@ from ipmclab.units import spell_unit
 
 _WORDS: Final[dict[str, str]] = {
     "time": "t time times zeit temps tiempo tempo tid tijd timestamp elapsed seconds date datum datetime uhrzeit heure "
-    "fecha hora clock день время дата 时间 時間 时刻 日期 時刻 日時",
+    "fecha hora clock czas čas день время дата 时间 時間 时刻 日期 時刻 日時",
     "voltage": "u v e ewe voltage volt volts spannung tension voltaje voltagem tensione spanning potential potentiel "
-    "напряжение 电压 電圧",
-    "current": "i current currents amp amps strom stromstärke courant corriente corrente stroom shunt ток 电流 電流",
+    "napięcie napětí напряжение 电压 電圧",
+    "current": "i current currents amp amps strom stromstärke courant corriente corrente stroom shunt prąd proud "
+    "ток 电流 電流",
     "displacement": "x d delta δ displacement deflection deflexion laser weg auslenkung verschiebung position tip "
-    "déplacement deplacement fleche flèche desplazamiento deslocamento spostamento verplaatsing перемещение 位移 変位",
-    "force": "f force kraft load loadcell kraftmessdose wägezelle fuerza força forza kracht effort сила 力 荷重",
-    "temperature": "temp temperature temperatur température temperatura температура 温度 溫度",
-    "relative_humidity": "rh humidity feuchte luftfeuchte humidité humidite humedad umidade umidità влажность 湿度 "
-    "濕度",
+    "déplacement deplacement fleche flèche desplazamiento deslocamento spostamento verplaatsing przemieszczenie "
+    "ugięcie posunutí výchylka перемещение 位移 変位",
+    "force": "f force kraft load loadcell kraftmessdose wägezelle fuerza força forza kracht effort siła "
+    "síla сила 力 荷重",
+    "temperature": "temp temperature temperatur température temperatura teplota температура 温度 溫度",
+    "relative_humidity": "rh humidity feuchte luftfeuchte humidité humidite humedad umidade umidità wilgotność "
+    "vlhkost влажность 湿度 濕度",
 }
 """Words of headings, in lower case, in the languages of the laboratories that we know of."""
 

@@ -104,7 +104,7 @@ def text_layout(path: Path) -> Layout:
 def _encodings(path: Path) -> list[str]:
     """The encodings in which the file is text, the surest first."""
     found = []
-    for encoding in ("utf-8", "utf-16", "cp1252", "gbk", "shift_jis", "cp850", "latin-1"):
+    for encoding in ("utf-8", "utf-16", "cp1252", "cp1250", "gbk", "shift_jis", "cp850", "latin-1"):
         try:
             text = read_text(path, encoding)
         except InputError as error:
@@ -258,7 +258,7 @@ def _is_data(row: Sequence[Any]) -> bool:
             continue
         if _is_value(cell):
             values += 1
-        elif not any(letter.isalpha() for letter in str(cell)):
+        elif (text := str(cell)) and any(map(str.isdigit, text)) and not any(map(str.isalpha, text)):
             return False  # numbers with another separator between them
         else:
             texts += 1
@@ -270,4 +270,8 @@ def _is_value(cell: Any) -> bool:
         return True
     text = str(cell).strip()
     number = any(kind.fullmatch(text) for kind in (_WHOLE, _POINT, _COMMA, _GROUPED))
-    return number or is_missing(text) or (any(letter.isdigit() for letter in text) and is_date(text))
+    return (
+        number
+        or (is_missing(text) and any(map(str.isalpha, text)))
+        or (any(letter.isdigit() for letter in text) and is_date(text))
+    )

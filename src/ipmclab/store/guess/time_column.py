@@ -50,7 +50,17 @@ def find_time(inquiry: Inquiry) -> None:
         if picked is not None:
             _numeric_time(inquiry, picked)
         elif not inquiry.is_open("channels.time.column"):
-            _ask_period(inquiry, "the file does not say when its rows were read: what is the time between two rows?")
+            said = _where_it_falls(inquiry, named) or "the file does not say when its rows were read"
+            _ask_period(inquiry, f"{said}: what is the time between two rows?")
+
+
+def _where_it_falls(inquiry: Inquiry, named: Sequence[Column]) -> str:
+    """Where the first column that is called time does not rise; an empty text where there is none."""
+    column = next((column for column in named if column.readings is not None and column.readings.count), None)
+    if column is None or column.readings is None:
+        return ""
+    row = int(np.argmin(np.diff(column.readings.values) >= 0.0)) + 1
+    return f"the times in {inquiry.label(column)} do not rise at {inquiry.columns.place(row, column.place)}"
 
 
 def _may_be_time(column: Column) -> bool:

@@ -34,7 +34,7 @@ _GROUPED: Final = {
 
 def is_missing(text: str) -> bool:
     """Whether a cell says that there is no reading."""
-    return text.strip().lower() in _MISSING
+    return not text.strip(" -–—") or text.strip().lower() in _MISSING
 
 
 class Clock(NamedTuple):
@@ -220,7 +220,7 @@ class Columns:
             row,
             column,
             "not-a-number",
-            "correct it in a copy of the file, or name another column; blanks, NaN and Inf are read as missing",
+            "correct it in a copy of the file, or name another column; blanks, dashes, NaN and Inf are read as missing",
         )
 
     def _complaint(self, cell: Any, row: int, column: int, code: str, repair: str) -> InputError:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from _csv import Reader
 
 
-Encoding = Literal["utf-8", "utf-16", "cp1252", "latin-1", "cp850", "gbk", "shift_jis"]
+Encoding = Literal["utf-8", "utf-16", "cp1252", "cp1250", "latin-1", "cp850", "gbk", "shift_jis"]
 
 
 class CsvFile(Strict):
