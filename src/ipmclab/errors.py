@@ -71,6 +71,8 @@ def suggest(name: str, known: Iterable[str]) -> str:
     "did you mean 'circuit.dc_resistivity'?"
     >>> suggest("relaxtion", ["relaxation.displacement", "relaxation.force", "clamp"])
     "did you mean 'relaxation.displacement' or 'relaxation.force'?"
+    >>> suggest("STEP", ["step", "dc"])
+    "did you mean 'step'?"
     >>> suggest("xyz", ["gain", "zero"])
     "known: 'gain', 'zero'"
     """
@@ -91,7 +93,8 @@ def _likeness_of_parts(name: list[str], other: list[str]) -> float:
 
 
 def _likeness(name: str, other: str) -> float:
-    """How alike two names are, from 0 to 1: where they have as many words, on average of the words."""
+    """How alike two names are in any case, from 0 to 1: where they have as many words, on average of the words."""
+    name, other = name.casefold(), other.casefold()
     words, others = name.split("_"), other.split("_")
     pairs = [(name, other)] if len(words) != len(others) else list(zip(words, others, strict=True))
     return sum(difflib.SequenceMatcher(None, there, word).ratio() for word, there in pairs) / len(pairs)

@@ -12,7 +12,7 @@ import pytest
 
 from ipmclab.cli.app import run
 from ipmclab.cli.record import Terminal, _finish
-from ipmclab.cli.record_view import View
+from ipmclab.cli.record_view import View, print_results
 from ipmclab.rig.process.hub import Hub
 from ipmclab.rig.process.messages import Message
 from tests.waiting import HANGS
@@ -139,3 +139,12 @@ def test_the_last_line_of_what_recorded_nothing(capsys: pytest.CaptureFixture[st
     assert capsys.readouterr().out == "stopped; nothing was recorded\n"
     _finish(terminal(Recorder(), plan_only=True), ENDED, as_json=False)
     assert capsys.readouterr().out == ""
+
+
+def test_a_run_names_all_that_was_found_in_it(capsys: pytest.CaptureFixture[str]) -> None:
+    drift = {"code": "drift-before-step", "severity": "info"}
+    told = {"state": "complete", "state_reason": "", "purpose": "signal"}
+    print_results([{"path": "a.nc", "findings": [drift], **told}, {"path": "b.nc", "findings": [], **told}])
+    first, second = capsys.readouterr().out.splitlines()[-2:]
+    assert first.split() == ["a.nc", "signal", "complete", "drift-before-step"]
+    assert second.split() == ["b.nc", "signal", "complete", "nothing", "found"]

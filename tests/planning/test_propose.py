@@ -169,6 +169,9 @@ def test_limits_and_time(fit: Fit) -> None:
     with pytest.raises(InputError, match=r"each of the 74 runs would pass a limit: current \(74\)"):
         propose_runs(fit, allowed=replace(QUICK, longest=20.0, limits=Limits(current=Limit(1e-6))))
 
+    with pytest.raises(InputError, match=r"tells anything of what is asked; allow longer signals"):
+        propose_runs(fit, allowed=replace(QUICK, longest=0.01 / RATE))  # it is over before the first row is read
+
 
 @pytest.mark.parametrize(
     ("asked", "message"),

@@ -99,6 +99,32 @@ def test_a_voltage_that_does_not_stand_to_the_end_has_no_steady_value() -> None:
     assert told["largest"].value == pytest.approx(1e-3)
 
 
+@pytest.mark.parametrize("rest", [0.0, 0.01])
+def test_a_rest_at_the_end_is_no_steady_state(rest: float) -> None:
+    """A recording ends with one: what the strip settles to is what it did before."""
+    rows = np.arange(1000)
+    moved = np.where(rows >= 100, 1e-3 - 1e-3 * np.exp(-(TIME - 2.0) / 4.0), 0.0)
+    held = found(stepped(moved[:800]))
+    moved[800:] = -2e-3
+    voltage = np.where((rows >= 100) & (rows < 800), 2.0, rest)
+    told = found(Run.from_arrays(time=TIME, voltage=voltage, displacement=moved))
+    for name in ("steady_value", "mean_of_last_tenth"):
+        assert told[name].value == pytest.approx(held[name].value, rel=1e-9)
+    ramp = np.where((rows >= 100) & (rows < 800), 1.0 + rows / 1000.0, rest)
+    told = found(Run.from_arrays(time=TIME, voltage=ramp, displacement=moved))
+    assert not {"steady_value", "mean_of_last_tenth"} & told.keys()
+
+
+def test_a_voltage_that_falls_and_stays_is_held_there() -> None:
+    """From 2 V to 0.03 V, which is more than a hundredth of it."""
+    rows = np.arange(1000)
+    moved = np.where(rows >= 100, 1e-3, 0.0)
+    moved[600:] = 2e-4
+    voltage = np.select([rows < 100, rows < 600], [0.0, 2.0], 0.03)
+    told = found(Run.from_arrays(time=TIME, voltage=voltage, displacement=moved))
+    assert told["mean_of_last_tenth"].value == pytest.approx(2e-4)
+
+
 @pytest.mark.parametrize(("sign", "expected"), [(1.0, 1e-3), (-1.0, -1e-3)])
 def test_the_largest_has_the_sign_of_its_side(sign: float, expected: float) -> None:
     moved = np.zeros(1000)

@@ -13,8 +13,11 @@ import pytest
 
 from ipmclab import Sample, identify, load_actuator, report, simulate, validate
 from ipmclab.errors import InputError
+from ipmclab.fit.known import Known
+from ipmclab.model.quantities import AT_ONCE
 from ipmclab.prediction.fitted import fitted_outputs
-from ipmclab.quality import measure
+from ipmclab.quality import Metric, measure
+from ipmclab.reporting.tables import known_rows, metric_rows
 from ipmclab.reporting.wording import percent
 
 VOID = {"meta", "link", "br", "img", "input", "hr"}
@@ -128,6 +131,17 @@ def test_an_undetermined_parameter_has_no_number(text) -> None:
     assert "±" not in row
     determined = next(row for row in text.split("<tr>") if "<code>circuit.dc_resistivity</code>" in row)
     assert "43.42 ± 0.43" in determined
+
+
+def test_a_value_reads_as_lying_in_its_interval(material) -> None:
+    known = (Known(AT_ONCE, 16.5701, (16.567, 16.5726)), Known(AT_ONCE, 86.41, (78.9, 91.6)))
+    rows = known_rows(replace(material.fit, known=known))
+    assert [(row.value, row.interval) for row in rows] == [
+        ("16.5701", "16.56700 to 16.57260"),
+        ("86.4", "78.9 to 91.6"),
+    ]
+    (row,) = metric_rows([Metric("largest", "displacement", 6.2076e-3, "m", (6.207495e-3, 6.207771e-3), "")])
+    assert (row.value, row.interval) == ("6.20760", "6.207495 to 6.207771")
 
 
 def test_it_can_be_read_without_eyes(page) -> None:

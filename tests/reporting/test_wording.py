@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ipmclab.reporting.wording import interval, plain, spelled_unit, with_error, with_unit
+from ipmclab.reporting.wording import estimate, interval, plain, spelled_unit, with_error, with_unit
 from ipmclab.units import CURRENT, DISPLACEMENT, FORCE
 
 POWERS = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹−", "-0123456789-")
@@ -47,6 +47,15 @@ def test_an_interval_reads_back_to_a_percent_of_its_width(middle: float, relativ
     shown = read(interval(low, high))
     assert len(shown) == 2
     assert shown == pytest.approx([low, high], abs=0.011 * (high - low))
+
+
+@given(VALUES, st.floats(1e-5, 3.0), st.floats(-0.9, 0.9))
+def test_an_estimate_reads_as_lying_in_its_interval(value: float, relative: float, place: float) -> None:
+    half = abs(value) * relative
+    ends = value - half * (1.0 + place), value + half * (1.0 - place)
+    (shown,) = read(estimate(value, ends))
+    assert shown == pytest.approx(value, abs=0.0051 * (ends[1] - ends[0]) + 1e-6 * abs(value))
+    assert ends[0] < shown < ends[1]
 
 
 @given(VALUES, st.integers(1, 8))

@@ -46,6 +46,8 @@ def test_the_steps_of_the_thesis() -> None:
     # At room conditions steps 4 to 6 are left out (Friend, section 3.5).
     assert "equilibrium" not in names(planned())
     assert names(planned(steps=["clamp", "apply"], fingerprint=False)) == ["clamp", "apply"]
+    text = planned(steps=["clamp", "apply"], fingerprint=False, zero_time="2 s").steps[-1].text
+    assert text.endswith("; zeros are read for 2 s before and 2 s after")
 
 
 def test_pairs_repeats_and_a_baseline() -> None:

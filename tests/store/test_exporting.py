@@ -50,6 +50,19 @@ def test_a_text_table_starts_with_comments_then_names_its_units(run: Run, tmp_pa
     np.testing.assert_array_equal(read[:, 2], run.current)
 
 
+def test_a_table_says_that_slow_channels_have_times_of_their_own(run: Run, tmp_path: Path) -> None:
+    said = "temperature: read at the times in time_environment, not at those in time beside them"
+    export_run(run, tmp_path / "run.csv")
+    assert f"# times: {said}" in (tmp_path / "run.csv").read_text(encoding="utf-8").splitlines()
+    export_run(run, tmp_path / "run.xlsx")
+    notes = openpyxl.load_workbook(tmp_path / "run.xlsx")["metadata"]
+    assert ("times", said) in [row[:2] for row in notes.iter_rows(values_only=True)]
+    export_run(Run.from_arrays(time=run.time, voltage=run.voltage), tmp_path / "without.csv")
+    assert (
+        "time_environment" not in (tmp_path / "without.csv").read_text(encoding="utf-8").partition("metadata_json")[0]
+    )
+
+
 def test_matlab_finds_column_vectors_units_and_texts(run: Run, tmp_path: Path) -> None:
     export_run(run, tmp_path / "run.mat")
     assert (tmp_path / "run.mat").read_bytes().startswith(b"MATLAB 5.0 MAT-file")

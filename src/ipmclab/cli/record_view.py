@@ -154,7 +154,7 @@ def print_results(runs: Sequence[Mapping[str, Any]]) -> None:
     """Print what came of an experiment: each run with what is wrong with it."""
     rows = []
     for run in runs:
-        codes = dict.fromkeys(one["code"] for one in run["findings"] if one["severity"] != "info")
+        codes = dict.fromkeys(one["code"] for one in run["findings"])
         state = run["state"] + (f" ({run['state_reason']})" if run["state_reason"] else "")
         rows.append([short(run["path"]), run["purpose"], state, ", ".join(codes) or "nothing found"])
     if rows:

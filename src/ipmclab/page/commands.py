@@ -188,17 +188,20 @@ def report_step(fit: str, runs: Sequence[str], validation: Sequence[str], out: s
     return Step(shlex.join([*command, "--out", out]), python)
 
 
-def import_step(file: str, map_file: str, out: str) -> Step:
-    """Import a foreign record.
+def import_step(file: str, map_file: str, out: str, *, sent: bool = False) -> Step:
+    """Import a foreign record; one that a browser sent is in no folder of the lab.
 
     Examples
     --------
     >>> import_step("record.csv", "record.map.toml", "record.nc").command
     'ipmclab import record.csv --map record.map.toml --out record.nc'
+    >>> import_step("record.csv", "record.map.toml", "record.nc", sent=True).note
+    'record.csv is not in the folder of this page, as the browser sent it: copy it there first.'
     """
     command = ["ipmclab", "import", file, "--map", map_file, "--out", out]
     python = f"import ipmclab\n\nrun = ipmclab.import_run({file!r}, {map_file!r})\nipmclab.write_run(run, {out!r})\n"
-    return Step(shlex.join(command), python)
+    note = f"{file} is not in the folder of this page, as the browser sent it: copy it there first." if sent else ""
+    return Step(shlex.join(command), python, note)
 
 
 def baseline_step(run: str, displacement: str, test: str, share: str) -> Step:

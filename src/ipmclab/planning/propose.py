@@ -116,7 +116,7 @@ def greedy(questions: Mapping[str, Questions], left: float) -> dict[str, list[Of
     Raises
     ------
     InputError
-        No run within the limits and the time, or time for more than ``MOST_RUNS``.
+        No run within the limits and the time, none that tells anything, or time for more than ``MOST_RUNS``.
     """
     taken: dict[str, list[Offer]] = {name: [] for name in questions}
     places = {name: one.home for name, one in questions.items()}
@@ -125,7 +125,7 @@ def greedy(questions: Mapping[str, Questions], left: float) -> dict[str, list[Of
     _refuse_endless(minutes, [run.time for each in first.values() for run, _ in each])
     while True:
         fitting = {name: [one for one in each if one[0].time <= left][:1] for name, each in offers.items()}
-        best = [name for name, each in fitting.items() if each]
+        best = [name for name, each in fitting.items() if each and each[0][0].gain > 0.0]
         if not best:
             break
         name = max(best, key=lambda one: fitting[one][0][0].gain_per_minute)
@@ -252,6 +252,13 @@ def _refuse_endless(minutes: float, times: Sequence[float]) -> None:
 
 
 def _nothing(questions: Sequence[Questions], minutes: float, offers: Sequence[Offer]) -> InputError:
+    if any(run.time <= 60.0 * minutes for run, _ in offers):
+        return InputError(
+            "no run within the limits tells anything of what is asked",
+            code="no-run",
+            where="allowed",
+            repair="allow longer signals, or a larger voltage",
+        )
     if offers:
         least = min(run.time for run, _ in offers) / 60.0
         return InputError(

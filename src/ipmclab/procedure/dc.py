@@ -209,20 +209,15 @@ def _limit(run: Run, edge: int, share: float, end: float) -> tuple[float, float]
 
 def _until_the_rest(run: Run) -> Run:
     """The run up to where its voltage goes to rest after a step that was held: a recording ends with such a rest."""
-    record = Record.of(run)
-    if len(record.edges) < 2:
-        return run
-    last, before = int(record.edges[-1]), int(record.edges[-2])
-    rest, level = run.voltage[last:], float(np.median(run.voltage[before:last]))
-    is_rest = float(np.abs(rest).max()) <= _NO_PART * abs(level) and bool(record.constant_after[-2])
-    if not is_rest or run.time[last] - run.time[before] < run.time[-1] - run.time[last]:
+    edge, end = Record.of(run).held_last or (0, len(run))
+    if end == len(run) or run.time[end] - run.time[edge] < run.time[-1] - run.time[end]:
         return run
     return Run.from_arrays(
-        time=run.time[:last],
-        voltage=run.voltage[:last],
-        current=None if run.current is None else run.current[:last],
+        time=run.time[:end],
+        voltage=run.voltage[:end],
+        current=None if run.current is None else run.current[:end],
         hold=run.hold,
-        quality={"current": run.quality["current"][:last]} if "current" in run.quality else None,
+        quality={"current": run.quality["current"][:end]} if "current" in run.quality else None,
         metadata=run.metadata,
     )
 

@@ -76,9 +76,9 @@ def measure(run: Run, findings: Sequence[Finding] | None = None) -> tuple[Metric
     """The metrics that a run allows, channel by channel.
 
     A voltage that jumps and then is constant gives the peak at the first edge, the time to it and, where the
-    response comes back, the back relaxation after it; one that is constant to the end of the record
-    gives the steady value and the mean of the last tenth. A periodic voltage gives amplitude,
-    phase and harmonics 2 to 5; a square gives the current at the end of a half period. Every run
+    response comes back, the back relaxation after it; one that is constant to the end of the record, or to
+    a rest at 0 V that ends it, gives the steady value and the mean of the last tenth. A periodic voltage gives
+    amplitude, phase and harmonics 2 to 5; a square gives the current at the end of a half period. Every run
     gives the largest deviation from rest. Rows that ``check`` masks are left out, and so is a channel in
     which it finds nothing but noise (``noise-only``): its largest reading says nothing of the strip.
 
@@ -126,8 +126,8 @@ def _measured(run: Run, findings: Sequence[Finding]) -> tuple[Metric, ...]:
             metrics += _first_peak(record, response)
         if periodic is not None:
             metrics += _periodic(record, response, *periodic)
-        elif len(record.edges) and record.constant_after[-1]:
-            metrics += _steady(record, response)
+        elif record.held_last is not None:
+            metrics += _steady(record, response, *record.held_last)
     return tuple(metrics)
 
 
@@ -244,13 +244,12 @@ def _direction(record: Record, channel: Channel, values: FloatArray) -> float:
     return math.copysign(1.0, float(after[clear[0]]) if len(clear) else float(record.heights[0]))
 
 
-def _steady(record: Record, response: _Response) -> list[Metric]:
-    channel, values = response.channel, response.values
-    edge = int(record.edges[-1])
-    tail = values[-(len(record) // 10) :]
-    start = edge + int(_SETTLING * (len(record) - edge))
+def _steady(record: Record, response: _Response, edge: int, end: int) -> list[Metric]:
+    channel, values = response.channel, response.values[:end]
+    tail = values[-(end // 10) :]
+    start = edge + int(_SETTLING * (end - edge))
     rows = start + np.flatnonzero(np.isfinite(values[start:]))
-    if len(record) - edge <= len(tail) or len(rows) < _FEWEST or not np.isfinite(tail).any():
+    if end - edge <= len(tail) or len(rows) < _FEWEST or not np.isfinite(tail).any():
         return []
     limit, (low, high) = settle(record.run.time[rows], values[rows])
     rest = NORMAL_95 * response.rest_error
@@ -266,14 +265,15 @@ def _steady(record: Record, response: _Response) -> list[Metric]:
             unit,
             interval,
             "The limit of c + a exp(-t / tau), fitted to the response from a quarter of the last stretch of constant "
-            "voltage to its end. The interval is open where slower settling cannot be excluded. " + _FROM_REST,
+            "voltage that is no rest at 0 V to its end. The interval is open where slower settling cannot be "
+            "excluded. " + _FROM_REST,
         ),
         _metric(
             channel,
             "mean_of_last_tenth",
             mean,
             math.hypot(channel.noise / math.sqrt(count), response.rest_error),
-            "The mean of the last tenth of the record. " + _FROM_REST,
+            "The mean of the last tenth of the record, without a rest at 0 V at its end. " + _FROM_REST,
         ),
     ]
 

@@ -244,6 +244,19 @@ class Record:
         lowest = np.minimum.reduceat(voltage, self.edges)
         return np.asarray(highest - lowest <= tolerance)
 
+    @cached_property
+    def held_last(self) -> tuple[int, int] | None:
+        """The last stretch of constant voltage, from its edge to the row after it; None where the voltage moves.
+
+        A rest at 0 V at the end of the record is not it: the stretch before is.
+        """
+        if not len(self.edges):
+            return None
+        size = np.abs(self.run.voltage)
+        at_rest = size[self.edges[-1] :].max() <= max(NO_VOLTAGE, 0.01 * float(size.max()))
+        last = len(self.edges) - (2 if at_rest else 1)
+        return (int(self.edges[last]), int(self.ends[last])) if last >= 0 and self.constant_after[last] else None
+
     def at(self, row: int) -> str:
         """A row with its time, for messages."""
         return f"row {row} ({self.run.time[row]:.6g} s)"

@@ -15,6 +15,7 @@ from ipmclab.quality.noise import noise_level
 from ipmclab.reporting.wording import (
     NO_BREAK,
     NOT_DETERMINED,
+    estimate,
     interval,
     percent,
     plain,
@@ -142,13 +143,14 @@ def known_rows(fit: Fit) -> list[ParameterRow]:
     rows = []
     for one in fit.known:
         shown = one.quantity.to_display
+        low, high = map(shown, one.interval)
         rows.append(
             ParameterRow(
                 one.words,
                 "",
-                plain(shown(one.value)),
+                estimate(shown(one.value), (low, high)),
                 spelled_unit(one.quantity.display_unit),
-                interval=interval(*map(shown, one.interval)),
+                interval=interval(low, high),
                 remark=f"if {' and '.join(one.leans)} {'is' if len(one.leans) == 1 else 'are'} exact"
                 if one.leans
                 else "",
@@ -225,13 +227,14 @@ def metric_rows(metrics: Sequence[Metric]) -> list[MetricRow]:
         )
         shown: Callable[[float], float] = quantity.to_display if quantity else float
         unit = spelled_unit(quantity.display_unit if quantity else metric.unit)
+        low, high = map(shown, metric.interval or (-math.inf, math.inf))
         rows.append(
             MetricRow(
                 spoken(metric.name),
                 metric.channel.replace("_", " "),
-                plain(shown(metric.value), 4),
+                estimate(shown(metric.value), (low, high), 4),
                 unit,
-                interval(*map(shown, metric.interval)) if metric.interval else "–",
+                interval(low, high) if metric.interval else "–",
             )
         )
     return rows

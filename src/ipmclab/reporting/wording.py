@@ -110,6 +110,21 @@ def interval(low: float, high: float) -> str:
     return f"({joined}){power}" if power else joined
 
 
+def estimate(value: float, ends: tuple[float, float], digits: int = 3) -> str:
+    """A value beside its interval: to two digits of the width, so that it reads as lying in it, and at least so many.
+
+    Examples
+    --------
+    >>> estimate(16.5701, (16.567, 16.5726)), estimate(86.41, (78.9, 91.6)), estimate(86.41, (78.9, math.inf))
+    ('16.5701', '86.4', '86.4')
+    """
+    width = ends[1] - ends[0]
+    if value == 0.0 or not (math.isfinite(value) and 0.0 < width < math.inf):
+        return plain(value, digits)
+    width = max(width, _FINEST * abs(value))
+    return plain(value, max(digits, math.floor(math.log10(abs(value))) + 1 + _decimals(width, 2)))
+
+
 def spelled_unit(unit: str) -> str:
     """A unit as it is printed.
 

@@ -197,7 +197,7 @@ def field(page, label: str):
 
 def number(page, label: str):
     """The number beside a slider."""
-    return page.get_by_label(label, exact=True).and_(page.locator("input[type=number]"))
+    return page.get_by_label(label, exact=True).and_(page.locator("input[inputmode=decimal]"))
 
 
 def test_a_click_is_not_undone_by_what_the_server_said_before_it_heard_it(tmp_path: Path, open_page) -> None:

@@ -26,6 +26,7 @@ def test_every_section_opens(quiet: str, open_page) -> None:
         page.get_by_role("link", name=title, exact=True).click()
         page.wait_for_function(f"document.title.startsWith('{title} ·')")
         assert page.get_by_role("button", name="ZERO").is_enabled()
+    assert page.evaluate("document.documentElement.scrollHeight - innerHeight") == 0  # the last one fits: no bar
     page.wait_for_function("document.getElementById('lab-bench-word').textContent === 'idle'")
 
 

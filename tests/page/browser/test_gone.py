@@ -43,6 +43,23 @@ def test_a_report_says_where_it_was_chosen_that_a_run_or_a_fit_is_gone(tmp_path:
         assert not list(tmp_path.glob("*.html"))
 
 
+def test_a_download_of_a_run_that_is_gone_says_so(tmp_path: Path, open_page) -> None:
+    (tmp_path / "runs").mkdir()
+    file = tmp_path / "runs" / "my run.nc"
+    write_run(simulate(load_actuator("friend-2"), "step 1 V", duration=10.0, rate=50.0), file)
+    with served(tmp_path) as address:
+        page = open_page(f"{address}/runs?run=runs/my%20run.nc")
+        for kind, name in (("netCDF", "my run.nc"), ("XLSX", "myrun.xlsx")):
+            with page.expect_download() as saved:
+                page.get_by_role("link", name=kind, exact=True).click(timeout=LONG)
+            assert saved.value.suggested_filename == name
+        file.rename(tmp_path / "away.nc")
+        for kind in ("XLSX", "netCDF"):
+            page.get_by_role("link", name=kind, exact=True).click()
+            page.locator("#lab-said").filter(has_text="there is no run 'runs/my run.nc'").wait_for()
+            page.evaluate("say('', true)")
+
+
 def test_after_a_reload_the_fit_at_work_is_shown_when_it_is_done(tmp_path: Path, open_page) -> None:
     (tmp_path / "runs").mkdir()
     run = simulate(load_actuator("friend-2"), "step 1 V", duration=10.0, rate=50.0)

@@ -83,7 +83,15 @@ def test_a_layout_is_corrected_and_what_was_filled_in_stays(address: str, open_p
     lines.press("Tab")
     page.get_by_text("rig.csv: 500 rows, 2 columns").wait_for(timeout=LONG)
     is_kept()
+    shown, period = page.get_by_text("500 rows, 9.98 s at 50 Hz"), page.get_by_label("Sampling period, without")
+    for words, there in (("20 ms", True), ("20", False), ("20 ms", True)):
+        period.fill(words)
+        page.get_by_role("button", name="Try").click()
+        # A curve beside a message would be of what the form said before.
+        shown.wait_for(state="visible" if there else "detached", timeout=LONG)
+        assert page.get_by_text("'20' has no unit").count() == (not there)
     page.get_by_role("button", name="Save the run").click()
+    page.get_by_text("rig.csv is not in the folder of this page").wait_for(timeout=LONG)
     page.get_by_text("wrote runs/kept.nc").or_(page.get_by_text("wrote kept.nc")).wait_for(timeout=LONG)
     (written,) = lab.rglob("kept.nc")
     run = read_run(written)

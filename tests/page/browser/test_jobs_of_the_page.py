@@ -243,7 +243,7 @@ def test_sliders_move_the_response_the_strip_and_the_frequency_response(address:
     page.get_by_label("Duration").fill("-1")
     page.locator(".lab-field", has_text="Duration").get_by_text("it must be a number above 0").wait_for()
     page.get_by_label("Duration").fill("20")
-    number = page.get_by_label("modulus", exact=True).and_(page.locator("input[type=number]"))
+    number = page.get_by_label("modulus", exact=True).and_(page.locator("input[inputmode=decimal]"))
     number.fill("1e99")
     page.locator(".lab-field", has_text="modulus").get_by_text("outside the allowed").wait_for()
     page.get_by_role("button", name="Reset all").click()

@@ -34,7 +34,22 @@ def test_runs_are_proposed_for_a_fit_of_the_folder(tmp_path: Path, open_page) ->
         card.get_by_label("Time on the bench").fill("6 min")
         card.get_by_label("Longest signal").fill("20 s")
         card.get_by_role("button", name="Propose runs").click()
-        card.get_by_role("cell", name="circuit.dc_resistivity").wait_for(timeout=LONG)
+        parameter = card.get_by_role("cell", name="circuit.dc_resistivity")
+        parameter.wait_for(timeout=LONG)
+        for label, wrong, told, right in (
+            ("Time on the bench", "6", "'6' has no unit; write for example '15 min'", "6 min"),
+            ("Time on the bench", "-6 min", "'-6 min', it must be above 0; give for example '15 min'", "6 min"),
+            ("Time on the bench", "1 min", "there are 1 min; give 3 min or more, or a shorter rest", "6 min"),
+            ("Largest voltage", "100 V", "no strip is given more than 10 V", "1 V"),
+        ):
+            card.get_by_label(label).fill(wrong)
+            card.get_by_role("button", name="Propose runs").click()
+            at_field = card.locator(".q-field").filter(has=page.get_by_label(label))
+            at_field.get_by_text(told).wait_for(timeout=LONG)
+            assert parameter.count() == 0  # it answered another question
+            card.get_by_label(label).fill(right)
+        card.get_by_role("button", name="Propose runs").click()
+        parameter.wait_for(timeout=LONG)
         card.get_by_text("command and Python").click()
         command = "ipmclab next leak.toml --goal parameters --minutes 6 --limit 'voltage=1 V' --longest '20 s'"
         card.get_by_text(command).wait_for()

@@ -52,7 +52,7 @@ def test_two_who_identify_at_once_have_each_their_own_fit(address: str, open_pag
         page.get_by_role("link", name="Simulate with it").click()
         page.locator("[data-answers]").wait_for(timeout=LONG)
         assert page.get_by_label("Actuator, also with stages").input_value() == names[run]
-        number = page.get_by_label("dc resistivity", exact=True).and_(page.locator("input[type=number]"))
+        number = page.get_by_label("dc resistivity", exact=True).and_(page.locator("input[inputmode=decimal]"))
         assert float(number.input_value()) == pytest.approx(RESISTIVITIES[run], rel=0.01)
         file = f"{names[run].replace(' ', '-')}.toml"
         asked = f"ipmclab identify friend-2 runs/{run}.nc --free electrical --thorough --out {file} &&"

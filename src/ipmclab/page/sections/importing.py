@@ -305,6 +305,7 @@ class _Import:
         except JobCancelled:
             return None
         except IpmclabError as error:
+            self._result.clear()  # it is of what the form said before
             self._complain(error)
             return None
         self._show(frame)
@@ -350,8 +351,10 @@ class _Import:
         if table is None:
             return
         write_text(tomli_w.dumps(table), map_file, overwrite=False)
+        assert self._path is not None
+        sent = self._path.parent == self._workshop.scratch
         with self._result:
-            step_view()(import_step(self._name, lab.below(map_file), lab.below(out)))
+            step_view()(import_step(self._name, lab.below(map_file), lab.below(out), sent=sent))
         ui.notify(f"wrote {lab.below(out)} and its map", type="positive")
         self._forget()
         await self._on_done(lab.below(out))

@@ -14,7 +14,7 @@ from ipmclab.page.fit_cards import FitCard
 from ipmclab.page.jobs.jobs import JobCancelled
 from ipmclab.page.lab import files_of
 from ipmclab.page.sections.kept import Kept
-from ipmclab.page.sections.parts import card, fail_at, plain_table, step_view, text
+from ipmclab.page.sections.parts import card, fail_at, plain_table, sentence, step_view, text
 from ipmclab.page.workshop import Workshop
 from ipmclab.signals import parse
 from ipmclab.units import CURRENT, TIME, VOLTAGE, Quantity, parse_quantity
@@ -121,16 +121,21 @@ class NextRunsView:
         self._inputs.set_visibility(self._goal.value == "prediction")
         self._rival.set_visibility(self._goal.value == "model")
 
-    def _number(self, field: ui.input, quantity: Quantity) -> float:
+    def _number(self, field: ui.input, quantity: Quantity, example: str) -> float:
         """What is in a field [SI].
 
         Raises
         ------
         InputError
-            It is no such quantity, which the field then says.
+            It is no such quantity above 0, which the field then says.
         """
         try:
-            return parse_quantity(field.value or "", quantity, where="")
+            found = parse_quantity(field.value or "", quantity, where="", example=example)
+            if not found > 0.0:
+                raise InputError(
+                    f"{field.value!r}, it must be above 0", code="out-of-range", repair=f"give for example {example!r}"
+                )
+            return found
         except InputError as error:
             fail_at(field, error)
             raise
@@ -174,14 +179,14 @@ class NextRunsView:
             fail_at(self._fit, "choose a fit; Identify makes one")
             return None
         try:
-            self._number(self._voltage, VOLTAGE)
+            self._number(self._voltage, VOLTAGE, "1.2 V")
             if (self._current.value or "").strip():
-                self._number(self._current, CURRENT)
+                self._number(self._current, CURRENT, "100 mA")
             return {
                 "fit": self._workshop.actuator_path(self._fit.value),
                 "goal": self._goal.value,
-                "minutes": self._number(self._minutes, TIME) / 60.0,
-                "longest": self._number(self._longest, TIME),
+                "minutes": self._number(self._minutes, TIME, "15 min") / 60.0,
+                "longest": self._number(self._longest, TIME, "160 s"),
                 "limits": self._limits(),
                 "inputs": self._signals(),
                 "rival": self._other_model()[0],
@@ -197,6 +202,7 @@ class NextRunsView:
 
     async def _propose(self) -> None:
         self._message.set_text("")
+        self._box.clear()
         asked = self._request()
         if asked is None:
             return
@@ -220,12 +226,11 @@ class NextRunsView:
             return
         except IpmclabError as error:
             if this == self._asked:  # else something newer was asked
-                self._message.set_text(str(error))
+                self._complain(error)
             return
         if this != self._asked:
             return
         self._message.set_text("")
-        self._box.clear()
         with self._box:
             known = {key: heading for key, heading in _RUNS.items() if any(row[key] for row in document["runs"])}
             plain_table(known, document["runs"], caption="Runs to record next")
@@ -238,3 +243,12 @@ class NextRunsView:
             with ui.element("details"):
                 text("command and Python", tag="summary")
                 step_view()(step)
+
+    def _complain(self, error: IpmclabError) -> None:
+        """Say why no run is proposed, at the field that it belongs to."""
+        field = self._fields().get(error.where.removeprefix("limits.").partition(".")[0])
+        if field is not None:
+            fail_at(field, error)
+            self._message.set_text("")
+        else:
+            self._message.set_text(sentence(error) if error.where == "allowed" else str(error))

@@ -186,6 +186,26 @@ function holdBack(event) {
   say(`Not done: the connection is lost. ${window.LabDraft ? "What the form says stays; press" : "Press"} again when it is back.`, false);
 }
 
+// A browser says of a download that failed neither why nor what to do: it is asked for here, and said.
+async function fetchFile(event) {
+  const link = event.target.closest?.("a.lab-download[download]");
+  if (!link) return;
+  event.preventDefault();
+  const late = setTimeout(() => say("The file is being prepared.", true), 1000);
+  try {
+    const answer = await fetch(link.href);
+    if (!answer.ok) return void say((await answer.json()).detail, false);
+    const header = answer.headers.get("content-disposition") ?? "";
+    const coded = /filename\*=utf-8''([^;]+)/i.exec(header)?.[1];
+    const name = coded ? decodeURIComponent(coded) : /filename="([^"]*)"/.exec(header)?.[1] ?? "";
+    LabPlot.save(await answer.blob(), name);
+  } catch {
+    say("The file did not come: the connection was lost. Press again when it is back.", false);
+  } finally {
+    clearTimeout(late);
+  }
+}
+
 // "Stopping" is not said of what has ended: the header then says what the output is at.
 function hush(state) {
   if (["stop", "zero"].includes(press.asked) && !isBusy(state)) {
@@ -226,6 +246,7 @@ const lists = new MutationObserver(() =>
 );
 
 for (const type of ["click", "keydown"]) document.addEventListener(type, holdBack, true);
+document.addEventListener("click", fetchFile);
 
 document.addEventListener("DOMContentLoaded", () => {
   lab.heard = performance.now(); // from now on there is something to hear

@@ -35,6 +35,8 @@ const LabSimulate = (() => {
 
   // What the values as loaded answer: the voltage, and the files as they were.
   const keyOf = ({ run, signal, duration, rate }, { stamps }) => [...stamps, run, ...(run ? [] : [signal, duration, rate])].join("|");
+  // As text: a number field of a browser in English takes the comma out of 1,5 and has 15.
+  const numberInput = (value) => make("input", { type: "text", inputMode: "decimal", autocomplete: "off", value });
   const digits = (value) => String(Number(Number(value).toPrecision(5)));
   let counter = 0;
 
@@ -51,8 +53,12 @@ const LabSimulate = (() => {
       input.setAttribute("aria-describedby", `${id}-m`);
     }
     get isEmpty() {
-      const { type, value } = this.input;
-      return type === "number" && (value === "" || !Number.isFinite(value / this.factor));
+      const { inputMode, value } = this.input;
+      return inputMode === "decimal" && (value.trim() === "" || !Number.isFinite(value / this.factor));
+    }
+    get repair() {
+      const { value } = this.input;
+      return value.includes(",") ? `Write a decimal point and no comma: ${value.replace(",", ".")}.` : "Write a number.";
     }
     complain(text) {
       this.message.textContent = text;
@@ -276,17 +282,16 @@ const LabSimulate = (() => {
     signalCard() {
       this.kind = make("select");
       for (const [name, text] of Object.entries(KINDS)) this.kind.add(new Option(text, name));
-      const number = (value, step) => make("input", { type: "number", value, step, min: "" });
       const field = (label, input, unit, where) => {
         const made = new Field(label, input, unit);
         this.fields.set(where, made);
         input.addEventListener("input", () => this.ask());
         return made;
       };
-      this.amplitude = number("1", "any");
-      this.rate = number("50", "any");
-      this.duration = number("40", "any");
-      this.tone = number("0.1", "any");
+      this.amplitude = numberInput("1");
+      this.rate = numberInput("50");
+      this.duration = numberInput("40");
+      this.tone = numberInput("0.1");
       this.text = make("input", { type: "text", value: "step 1 V" });
       this.run = make("select");
       this.setRuns(this.options.runs);
@@ -371,7 +376,7 @@ const LabSimulate = (() => {
           : (STEPS * (value - one.low)) / (one.high - one.low);
       const toValue = (place) =>
         one.log ? one.low * (one.high / one.low) ** (place / STEPS) : one.low + ((one.high - one.low) * place) / STEPS;
-      const number = make("input", { type: "number", step: "any", value: digits(one.value * one.factor) });
+      const number = numberInput(digits(one.value * one.factor));
       const field = new Field(one.label, number, one.unit, one.factor);
       const slider = make("input", { type: "range", min: 0, max: STEPS, step: 1, value: toSlider(one.value) });
       slider.setAttribute("aria-label", one.label);
@@ -507,13 +512,13 @@ const LabSimulate = (() => {
       this.host.dataset.error = error ? error.code ?? "fault" : "";
       this.host.classList.toggle("lab-is-old", Boolean(error));
       // The server tells the first mistake; what can be seen from here is told of every field.
-      for (const field of this.fields.values()) if (!field.row.hidden && field.isEmpty) field.complain("Write a number.");
+      for (const field of this.fields.values()) if (!field.row.hidden && field.isEmpty) field.complain(field.repair);
       for (const name of ["duration", "rate"])
         if (Number(this.fields.get(name).input.value) < 0) this.fields.get(name).complain("Must be above 0.");
       if (!error?.message) return;
       const text = error.repair ? `${error.message}; ${error.repair}` : error.message;
       const field = this.fields.get(error.where) ?? this.fields.get(this.written(error.where));
-      if (field && !field.row.hidden) field.complain(field.isEmpty ? "Write a number." : text);
+      if (field && !field.row.hidden) field.complain(field.isEmpty ? field.repair : text);
       else {
         this.alert.textContent = text;
         this.alert.hidden = false;

@@ -231,8 +231,9 @@ def _recording_steps(
         what = "without voltage" if run.purpose == "baseline" else shortened(str(run.signal))
         of = f" ({place + 1} of {len(runs)})" if len(runs) > 1 else ""
         text = f"{what}, {run.duration:g} s, with {run.rest_before:g} s and {run.rest_after:g} s at 0 V{of}"
-        zeros = run.zero_before + run.zero_after
-        text += f"; zeros are read for {zeros:g} s" if zeros else ""
+        zeros = {"before": run.zero_before, "after": run.zero_after}
+        parts = [f"{seconds:g} s {when}" for when, seconds in zeros.items() if seconds]
+        text += f"; zeros are read for {' and '.join(parts)}" if parts else ""
         steps.append(PlannedStep("apply", text, run.zero_before + run.seconds + run.zero_after, run=run))
     return steps
 

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from ipmclab.run import Run
-from ipmclab.store.document import FORMAT, flag_text, flat_attributes
-from ipmclab.store.exports.table import heading, run_of_table
+from ipmclab.store.document import FORMAT, flat_attributes
+from ipmclab.store.exports.table import heading, notes_of, run_of_table
 from ipmclab.store.importers.csv import CsvFile, read, read_text
 
 _TITLE = f"# {FORMAT}"
@@ -27,12 +27,8 @@ def write(run: Run, document: str, path: Path) -> None:
         for values in arrays.values()
     ]
     with path.open("w", encoding="utf-8", newline="") as stream:
-        lines = [
-            _TITLE,
-            *(f"# {name}: {' '.join(text.split())}" for name, text in flat_attributes(run).items()),
-        ]
-        if run.quality:
-            lines.append(f"# quality bits: {flag_text()}")
+        said = {**flat_attributes(run), **notes_of(run)}
+        lines = [_TITLE, *(f"# {name}: {' '.join(text.split())}" for name, text in said.items())]
         stream.writelines(f"{line}\r\n" for line in (*lines, _DOCUMENT + document))
         table = csv.writer(stream)
         table.writerow(heading(name) for name in arrays)

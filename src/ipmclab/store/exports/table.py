@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from ipmclab.errors import InputError
 from ipmclab.run import SLOW_CHANNELS, Run
-from ipmclab.store.document import from_document
+from ipmclab.store.document import flag_text, from_document
 from ipmclab.store.importers.columns import Columns
 from ipmclab.units import CHANNELS
 
@@ -24,6 +24,17 @@ def heading(name: str) -> str:
 def unit_of(name: str) -> str:
     """The unit of an array that has one."""
     return "V" if name.endswith("_raw") else CHANNELS[name].unit if name in CHANNELS else "s"
+
+
+def notes_of(run: Run) -> dict[str, str]:
+    """What a reader of the table has to know of its columns, and no attribute of the run says."""
+    slow = [name for name in SLOW_CHANNELS if name in run.arrays] if "time_environment" in run.arrays else []
+    notes = {"quality bits": flag_text()} if run.quality else {}
+    if slow:
+        notes["times"] = (
+            f"{' and '.join(slow)}: read at the times in time_environment, not at those in time beside them"
+        )
+    return notes
 
 
 def run_of_table(document: str, columns: Columns) -> Run:

@@ -11,8 +11,8 @@ import numpy as np
 
 from ipmclab.errors import InputError
 from ipmclab.run import Run
-from ipmclab.store.document import flag_text, flat_attributes
-from ipmclab.store.exports.table import heading, run_of_table
+from ipmclab.store.document import flat_attributes
+from ipmclab.store.exports.table import heading, notes_of, run_of_table
 from ipmclab.store.importers.xlsx import XlsxFile, columns_of, read_sheets
 
 _MAX_ROWS: Final = 1_048_576 - 1  # of a sheet, less the heading
@@ -63,8 +63,8 @@ def write(run: Run, document: str, path: Path) -> None:
         notes.append(
             [name, "'" * text.startswith("=") + _NOT_IN_XML.sub("\N{REPLACEMENT CHARACTER}", text)[:_MAX_TEXT]]
         )
-    if run.quality:
-        notes.append(["quality bits", flag_text()])
+    for note in notes_of(run).items():
+        notes.append(note)
     for start in range(0, len(document), _MAX_TEXT):
         piece = WriteOnlyCell(notes, value=document[start : start + _MAX_TEXT])
         piece.data_type = "s"  # one that begins with "=" is no formula
