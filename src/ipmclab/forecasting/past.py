@@ -120,9 +120,8 @@ def read_past(
             kept.append(finding)
         elif finding.code in ("noise-only", "rate-jump") and finding.channel == channel:
             kept.append(finding)
-            followed += (
-                [finding] if finding.code == "rate-jump" else []
-            )  # the reading has moved when the forecast begins
+            if finding.code == "rate-jump":
+                followed.append(finding)  # the reading has moved when the forecast begins
     # What another finding says of the same rows still holds: a spike stays out.
     used = usable(observed, [finding for finding in findings if finding not in followed])[channel]
     used = used & np.isfinite(values[:past])

@@ -54,7 +54,7 @@ def test_a_few_rows_at_zero_volt_hardly_show_it(delay: float, is_said: bool) -> 
     plain = identify(FRIEND, measured(signal), free=FREE)
     assert not said(plain)
     found = [finding for finding in plain.findings if finding.code == "zero-hardly-shown"]
-    assert [finding.severity for finding in found] == (["info"] if is_said else [])
+    assert [finding.severity for finding in found] == (["warning"] if is_said else [])
     for finding in found:
         zero = finding.values["zero"]
         assert zero == pytest.approx(1.96 * 1e-4 / np.sqrt(50 * delay), rel=0.1)

@@ -143,7 +143,7 @@ def _hardly_shown(label: str, zero: float, away: Mapping[str, float]) -> Finding
     theirs = "its interval, which counts" if len(away) == 1 else "their intervals, which count"
     return Finding(
         "zero-hardly-shown",
-        "info",
+        "warning",
         f"{label}: its rows at 0 V show the zero of the current to {channel.to_display(zero):.2g} "
         f"{channel.display_unit} only (95 %). Such a zero would move {_moves(away)}, farther than {theirs} it as exact",
         f"free {OFFSET}, or record longer at 0 V before the first edge",
