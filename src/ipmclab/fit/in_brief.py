@@ -328,8 +328,6 @@ def _plain(finding: Finding) -> str:
             )
         case "zero-not-shown":
             return f"the zero of the {channel} does not show: the voltage is on from the first row"
-        case "zero-hardly-shown":
-            return f"few rows at 0 V show the zero of the {channel}, which intervals count as exact"
     words, sigmas = _CONTRADICTS.get(finding.code), values.get("sigmas")
     if not words or not isinstance(sigmas, int | float):
         return ""
