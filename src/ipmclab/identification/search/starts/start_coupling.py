@@ -71,13 +71,14 @@ def coupling_starts(
 def _with_slow_modes(actuator: Actuator, of: MotionSeries, slow: int) -> Iterator[tuple[_Start, dict[str, float]]]:
     """Starts of d(s) with the slow modes of one output, those with complex slow poles first, if as good."""
     real = _minima(of, 2 + slow)
-    if slow == 2 and f"relaxation.{of.output}_pair.0.ratio" in actuator.parameter_values:
+    may_turn = slow == 2 and f"relaxation.{of.output}_pair.0.ratio" in actuator.parameter_values
+    if may_turn:
         # The cost of poles that have met is what rounding leaves of it.
         apart = [found.cost for found in real[:_MINIMA] if not _meet(found)]
         for turning in _within_drifts(of, lambda series, common: pair_minima(series, 2, common))[:1]:
             if turning.cost < _AS_GOOD * min(apart, default=np.inf):
                 yield _turning(of, turning)
-    for start in _from(of, real):
+    for start in _from(of, real, slow_may_turn=may_turn):
         yield start, slow_values(actuator, of.output, start.slow)
 
 
@@ -149,18 +150,23 @@ def _start(motion: MotionSeries, fast: _Quadratic, poles: FloatArray = _NONE, re
     return _Start(level, min(seen_zero, nyquist), fast.p1, fast.p2, slow_modes(poles, residues, level / fast.p2))
 
 
-def _from(motion: MotionSeries, real: Sequence[PoleFit]) -> list[_Start]:
-    """Starts from minima of real poles, and from those of as many with a complex pair among them for d(s)."""
+def _from(motion: MotionSeries, real: Sequence[PoleFit], *, slow_may_turn: bool = False) -> list[_Start]:
+    """Starts from minima of real poles, and from those of as many with a complex pair among them for d(s).
+
+    Where the slow modes may be a pair too, the slower two poles are theirs.
+    """
     hopeless, starts = _HOPELESS * real[0].cost, []
     for found in real[:_MINIMA]:
         if found.cost < hopeless or found is real[0]:
-            fast = _fast_pair(found)
-            rest = np.delete(found.poles, fast), np.delete(found.residues, fast)
-            starts.append(_start(motion, _of_poles(found.poles[fast], found.residues[fast]), *rest))
+            own = _fast_pair(found)
+            rest = np.delete(found.poles, own), np.delete(found.residues, own)
+            starts.append(_start(motion, _of_poles(found.poles[own], found.residues[own]), *rest))
     count = len(real[0].poles) - 2
     for found in _within_drifts(motion, lambda series, common: near_pairs(series, count, common, hopeless))[:_PAIRS]:
-        if found.cost < _HOPEFUL * real[0].cost:
-            starts.append(_start(motion, _of_pair(found), found.poles, found.residues))
+        fast = _of_pair(found)
+        is_slow = slow_may_turn and fast.p2 < float(np.prod(found.poles))
+        if found.cost < _HOPEFUL * real[0].cost and not is_slow:
+            starts.append(_start(motion, fast, found.poles, found.residues))
     return starts
 
 
