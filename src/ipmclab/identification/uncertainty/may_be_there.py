@@ -59,9 +59,10 @@ def with_usual_stages(under: Correlated, unseen: Sequence[Unseen], without: Riva
 
 def _is_size(unknown: Unknown, one: Unseen) -> bool:
     """Whether an unknown is a size of the stage itself, and not of one that follows it."""
-    kind = kind_of(one.unknowns[0].base)
-    is_its_own = kind is not None and kind is kind_of(unknown.base)
-    return is_its_own and kind.ending(unknown.base) in kind.off and _usual(unknown) > 0.0
+    kind = kind_of(unknown.base)
+    if kind is None or kind is not kind_of(one.unknowns[0].base):
+        return False
+    return kind.ending(unknown.base) in kind.off and _usual(unknown) > 0.0
 
 
 def _usual(unknown: Unknown) -> float:
