@@ -99,20 +99,35 @@ def test_a_voltage_that_does_not_stand_to_the_end_has_no_steady_value() -> None:
     assert told["largest"].value == pytest.approx(1e-3)
 
 
-@pytest.mark.parametrize("rest", [0.0, 0.01])
-def test_a_rest_at_the_end_is_no_steady_state(rest: float) -> None:
+@pytest.mark.parametrize(("rest", "noise"), [(0.0, 0.0), (0.01, 0.0), (0.0, 0.01)])
+def test_a_rest_at_the_end_is_no_steady_state(rest: float, noise: float) -> None:
     """A recording ends with one: what the strip settles to is what it did before."""
     rows = np.arange(1000)
+    scatter = noise * np.random.default_rng(20261128).standard_normal(1000)
     moved = np.where(rows >= 100, 1e-3 - 1e-3 * np.exp(-(TIME - 2.0) / 4.0), 0.0)
     held = found(stepped(moved[:800]))
     moved[800:] = -2e-3
     voltage = np.where((rows >= 100) & (rows < 800), 2.0, rest)
-    told = found(Run.from_arrays(time=TIME, voltage=voltage, displacement=moved))
+    told = found(Run.from_arrays(time=TIME, voltage=voltage + scatter, displacement=moved))
     for name in ("steady_value", "mean_of_last_tenth"):
         assert told[name].value == pytest.approx(held[name].value, rel=1e-9)
     ramp = np.where((rows >= 100) & (rows < 800), 1.0 + rows / 1000.0, rest)
     told = found(Run.from_arrays(time=TIME, voltage=ramp, displacement=moved))
     assert not {"steady_value", "mean_of_last_tenth"} & told.keys()
+
+
+@pytest.mark.parametrize("fall", [[1.0], [1.2, 0.4]])
+def test_a_fall_over_some_rows_to_the_rest_hides_no_steady_state(fall: list[float]) -> None:
+    """A measured voltage has a row or two within its jump, which are no stretch of their own."""
+    rows = np.arange(1000)
+    moved = np.where(rows >= 100, 1e-3 - 1e-3 * np.exp(-(TIME - 2.0) / 4.0), 0.0)
+    held = found(stepped(moved[:800]))
+    moved[800:] = -2e-3
+    voltage = np.where((rows >= 100) & (rows < 800), 2.0, 0.0)
+    voltage[800 : 800 + len(fall)] = fall
+    told = found(Run.from_arrays(time=TIME, voltage=voltage, displacement=moved))
+    for name in ("steady_value", "mean_of_last_tenth"):
+        assert told[name].value == pytest.approx(held[name].value, rel=1e-9)
 
 
 def test_a_voltage_that_falls_and_stays_is_held_there() -> None:

@@ -336,12 +336,27 @@ def test_a_mark_that_may_stand_for_thousands_is_asked(tmp_path: Path) -> None:
         import_run(path, guess_map(path, {"file.decimal": "."}).map)
 
 
-@pytest.mark.parametrize("cell", ["0.100000", ""])
-def test_times_that_go_back_or_are_missing_are_told_with_their_line(cell: str, tmp_path: Path) -> None:
-    path = Style(spoil=lambda rows: [*rows[:20], [cell, *rows[20][1:]], *rows[21:]]).save(tmp_path)
+@pytest.mark.parametrize(
+    ("cell", "row", "told"),
+    [
+        ("0.100000", 20, "do not rise at line 22"),
+        ("", 20, "are missing at line 22"),
+        ("", 0, "are missing at line 2"),
+    ],
+)
+def test_times_that_go_back_or_are_missing_are_told_with_their_line(
+    cell: str, row: int, told: str, tmp_path: Path
+) -> None:
+    path = Style(spoil=lambda rows: [*rows[:row], [cell, *rows[row][1:]], *rows[row + 1 :]]).save(tmp_path)
     (question,) = guess_map(path).questions
     assert question.key == "sampling_period"
-    assert question.text.startswith("the times in 'time (s)' do not rise at line 22: what is the time between")
+    assert question.text.startswith(f"the times in 'time (s)' {told}: what is the time between")
+
+
+def test_of_a_table_with_one_row_the_period_is_asked(tmp_path: Path) -> None:
+    path = tmp_path / "one.csv"
+    path.write_text("time (s),voltage (V),current (A)\n0.0,1.0,0.1\n", encoding="utf-8")
+    assert [question.key for question in guess_map(path).questions] == ["sampling_period"]
 
 
 def test_times_that_come_twice_are_told_with_their_line(tmp_path: Path) -> None:

@@ -248,14 +248,18 @@ class Record:
     def held_last(self) -> tuple[int, int] | None:
         """The last stretch of constant voltage, from its edge to the row after it; None where the voltage moves.
 
-        A rest at 0 V at the end of the record is not it: the stretch before is.
+        A rest at 0 V at the end of the record is not it: the stretch before is. Nor is a single row, which lies within
+        a jump over several.
         """
         if not len(self.edges):
             return None
-        size = np.abs(self.run.voltage)
-        at_rest = size[self.edges[-1] :].max() <= max(NO_VOLTAGE, 0.01 * float(size.max()))
-        last = len(self.edges) - (2 if at_rest else 1)
-        return (int(self.edges[last]), int(self.ends[last])) if last >= 0 and self.constant_after[last] else None
+        voltage = self.run.voltage
+        level = abs(float(np.median(voltage[self.edges[-1] :])))
+        at_rest = self.constant_after[-1] and level <= max(NO_VOLTAGE, 0.01 * float(np.abs(voltage).max()))
+        held = np.flatnonzero((self.ends - self.edges)[: -1 if at_rest else None] > 1)
+        if not len(held) or not self.constant_after[held[-1]]:
+            return None
+        return int(self.edges[held[-1]]), int(self.ends[held[-1]])
 
     def at(self, row: int) -> str:
         """A row with its time, for messages."""

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from ipmclab import Run, RunMetadata, identify, load_actuator, simulate
+from ipmclab import Actuator, Run, RunMetadata, identify, load_actuator, simulate
+from ipmclab.model.variants import with_stages
 
 TRUTH = load_actuator("friend-2+leak.exponential").replace(
     **{
@@ -22,8 +25,8 @@ TRUTH = load_actuator("friend-2+leak.exponential").replace(
 )
 
 
-def step(volts: float, seed: int) -> Run:
-    clean = simulate(TRUTH, f"step {volts} V delay=2 s", duration=60.0, rate=25.0)
+def step(volts: float, seed: int, strip: Actuator = TRUTH) -> Run:
+    clean = simulate(strip, f"step {volts} V delay=2 s", duration=60.0, rate=25.0)
     assert clean.current is not None
     noise = 1e-4 * np.random.default_rng(seed).standard_normal(len(clean))
     return Run.from_arrays(
@@ -53,3 +56,31 @@ def test_a_step_below_it_does() -> None:
         < 90.0
         < fit.parameters["circuit.dc_resistivity"].interval[1]
     )
+
+
+def test_no_run_has_a_whole_leak_beside_that_of_another() -> None:
+    """With the leak of one run small, that of the other was held at its usual size, which its readings contradict."""
+    strip = load_actuator("friend-2")
+    runs = [step(1.2, 1, strip), step(2.0, 2, strip)]
+    asked = with_stages(strip, "leak.exponential")
+    size = "leak.exponential.current_density"
+    each = identify(asked, runs, free="electrical,leak", per_run=size)
+    assert not any(each.parameters[f"{size}[{place}]"].determined for place in range(2))
+    least, most = each.parameters["circuit.dc_resistivity"].interval
+    true = strip["circuit.dc_resistivity"]
+    assert 0.97 * true < least < true < most < 1.03 * true
+
+
+def test_a_stage_of_two_sizes_has_as_little_of_both() -> None:
+    """Its lead was held at the usual size, which the readings contradict: p1 was said to be not determined."""
+    strip = load_actuator("friend-2")
+    clean = simulate(strip, "step 1.2 V delay=5 s", duration=60.0, rate=25.0)
+    assert clean.displacement is not None
+    noise = 1e-6 * np.random.default_rng(20261128).standard_normal(len(clean))
+    run = replace(clean, displacement=clean.displacement + noise, current=None, force=None)
+    fit = identify(with_stages(strip, "relaxation.displacement_pair"), run, free="coupling,relaxation")
+    assert not fit.parameters["relaxation.displacement_pair.0.ratio"].determined
+    for name in ("coupling.p1", "coupling.p2"):
+        least, most = fit.parameters[name].interval
+        assert fit.parameters[name].determined
+        assert least < strip[name] < most

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -58,6 +59,10 @@ def test_a_download_of_a_run_that_is_gone_says_so(tmp_path: Path, open_page) -> 
             page.get_by_role("link", name=kind, exact=True).click()
             page.locator("#lab-said").filter(has_text="there is no run 'runs/my run.nc'").wait_for()
             page.evaluate("say('', true)")
+        # A fault of the server has no words of ours, and is no lost connection.
+        page.route(re.compile("xlsx"), lambda route: route.fulfill(status=500, body="Internal Server Error"))
+        page.get_by_role("link", name="XLSX", exact=True).click()
+        page.locator("#lab-said").filter(has_text="the server answered 500").wait_for()
 
 
 def test_after_a_reload_the_fit_at_work_is_shown_when_it_is_done(tmp_path: Path, open_page) -> None:

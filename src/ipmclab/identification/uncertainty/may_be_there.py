@@ -25,7 +25,8 @@ def with_usual_stages(under: Correlated, unseen: Sequence[Unseen], without: Riva
 
     The fit in which it was free tells little of that: where a stage does not show its shape is whatever noise made of
     it. One step above the threshold of a leak is met as well whatever part of the direct current leaks: the dc
-    resistivity is then not known.
+    resistivity is then not known. A stage of several sizes, as one in each run, gives a fit for the most of each; the
+    others are free beside it.
 
     Parameters
     ----------
@@ -38,24 +39,30 @@ def with_usual_stages(under: Correlated, unseen: Sequence[Unseen], without: Riva
     off = {name: value for one in unseen for name, value in one.off.items()}
     gone = {unknown.name for one in unseen for unknown in one.unknowns}
     for one in unseen:
-        size = next(filter(_is_size, one.unknowns), None)
-        if size is None:
+        sizes = {unknown.name: unknown for unknown in one.unknowns if _is_size(unknown, one)}
+        shape = {unknown.base: _usual(unknown) for unknown in one.unknowns if unknown.name not in sizes}
+        columns = [k for k, unknown in enumerate(under.problem.unknowns) if unknown.name in gone - sizes.keys()]
+        problem = under.problem.without(columns, off | shape)
+        places = [k for k, unknown in enumerate(problem.unknowns) if unknown.name in sizes]
+        if not places:
             continue
-        usual = {unknown.base: _usual(unknown) for unknown in one.unknowns}
-        columns = [k for k, unknown in enumerate(under.problem.unknowns) if unknown.name in gone - {size.name}]
-        problem = under.problem.without(columns, off | usual)
-        place = next(k for k, unknown in enumerate(problem.unknowns) if unknown.name == size.name)
         theta = without.vector_of(problem.unknowns, np.delete(under.solution.theta, columns))
-        theta[place] = max(float(problem.lower[place]), size.entry(_LITTLE * _usual(size)))
+        for place in places:
+            size = problem.unknowns[place]
+            theta[place] = max(float(problem.lower[place]), size.entry(_LITTLE * _usual(size)))
         least = minimum_near(problem, np.clip(theta, problem.lower, problem.upper))
         variance = least.evaluation.cost / max(len(least.evaluation.residual) - len(theta), 1)
-        walk = Walk(*shorter(problem, least), place, 1.0, farthest=math.inf)
-        yield Rival.of(problem, walk.end(walk.distance(math.sqrt(SURE * variance))))
+        for place in places:
+            walk = Walk(*shorter(problem, least), place, 1.0, farthest=math.inf)
+            yield Rival.of(problem, walk.end(walk.distance(math.sqrt(SURE * variance))))
 
 
-def _is_size(unknown: Unknown) -> bool:
+def _is_size(unknown: Unknown, one: Unseen) -> bool:
+    """Whether an unknown is a size of the stage itself, and not of one that follows it."""
     kind = kind_of(unknown.base)
-    return kind is not None and kind.ending(unknown.base) in kind.off and _usual(unknown) > 0.0
+    if kind is None or kind is not kind_of(one.unknowns[0].base):
+        return False
+    return kind.ending(unknown.base) in kind.off and _usual(unknown) > 0.0
 
 
 def _usual(unknown: Unknown) -> float:

@@ -194,7 +194,10 @@ async function fetchFile(event) {
   const late = setTimeout(() => say("The file is being prepared.", true), 1000);
   try {
     const answer = await fetch(link.href);
-    if (!answer.ok) return void say((await answer.json()).detail, false);
+    if (!answer.ok) {
+      const { detail = `The file did not come: the server answered ${answer.status}.` } = await answer.json().catch(() => ({}));
+      return void say(detail, false);
+    }
     const header = answer.headers.get("content-disposition") ?? "";
     const coded = /filename\*=utf-8''([^;]+)/i.exec(header)?.[1];
     const name = coded ? decodeURIComponent(coded) : /filename="([^"]*)"/.exec(header)?.[1] ?? "";

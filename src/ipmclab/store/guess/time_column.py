@@ -55,12 +55,18 @@ def find_time(inquiry: Inquiry) -> None:
 
 
 def _where_it_falls(inquiry: Inquiry, named: Sequence[Column]) -> str:
-    """Where the first column that is called time does not rise; an empty text where there is none."""
+    """Where the first column that is called time lacks one or does not rise; an empty text where that is nowhere."""
     column = next((column for column in named if column.readings is not None and column.readings.count), None)
     if column is None or column.readings is None:
         return ""
-    row = int(np.argmin(np.diff(column.readings.values) >= 0.0)) + 1
-    return f"the times in {inquiry.label(column)} do not rise at {inquiry.columns.place(row, column.place)}"
+    missing = np.isnan(column.readings.values)
+    steps = np.diff(column.readings.values)
+    falls = steps < 0.0 if (steps < 0.0).any() else steps == 0.0  # a clock may be coarse
+    rows = np.flatnonzero(missing) if missing.any() else np.flatnonzero(falls) + 1
+    if not len(rows):
+        return ""
+    what = "are missing" if missing.any() else "do not rise"
+    return f"the times in {inquiry.label(column)} {what} at {inquiry.columns.place(int(rows[0]), column.place)}"
 
 
 def _may_be_time(column: Column) -> bool:
