@@ -165,15 +165,27 @@ def to_the_end(
     best = np.inf
     found = []
     longest = LONGEST
-    for problem, solution in sorted(tried, key=lambda pair: pair[1].evaluation.cost):
+    for problem, solution in sorted(tried, key=_cost):
         if not solution.converged and solution.evaluation.cost < HOPE * best:
-            more = minimum(problem, solution.theta, evaluations=longest)
-            solution = replace(more, evaluations=more.evaluations + solution.evaluations)
+            solution = _further(problem, solution, longest)
         best = min(best, solution.evaluation.cost)
         if solution.converged and at_floor(problem, solution, neighbours or problem.noise):
             longest = SHORTLY
         found.append((problem, solution))
-    return sorted(found, key=lambda pair: pair[1].evaluation.cost)
+    (problem, solution), *others = sorted(found, key=_cost)
+    if longest == SHORTLY and not solution.converged:  # of two at the floor one that was left early is the lower
+        solution = _further(problem, solution, LONGEST)
+    return [(problem, solution), *others]
+
+
+def _cost(pair: tuple[Problem, Solution]) -> float:
+    return pair[1].evaluation.cost
+
+
+def _further(problem: Problem, solution: Solution, evaluations: int) -> Solution:
+    """A search that was left, from where it stands."""
+    more = minimum(problem, solution.theta, evaluations=evaluations)
+    return replace(more, evaluations=more.evaluations + solution.evaluations)
 
 
 def at_floor(problem: Problem, solution: Solution, noise: Noise) -> bool:
