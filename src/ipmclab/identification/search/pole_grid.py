@@ -161,7 +161,7 @@ def grid_starts(series: Sequence[SearchedRun], count: int, common: FloatArray) -
 
 
 def grid_pairs(series: Sequence[SearchedRun], count: int, common: FloatArray, hopeless: float) -> Iterator[FloatArray]:
-    """Positions of sets of grid poles with one complex pair each, as ``_grid_starts``; none of a higher cost."""
+    """Positions of sets of grid poles with one complex pair each, as ``grid_starts``; none of a higher cost."""
     poles = pole_grid(series, _PAIR_GRID)
     pairs = list(product(range(_PAIR_GRID), range(len(_DAMPING))))
     angles = np.arccos(-np.array(_DAMPING))
