@@ -53,8 +53,14 @@ def operator(lab: Path, chromium) -> Iterator[object]:
 
 @pytest.fixture
 def page(operator) -> object:
-    """The browser at Run, with nothing half written."""
-    operator.goto(operator.url.rpartition("/")[0] + "/run")
+    """The browser at Run, with nothing half written, and nothing that goes on: a test that is repeated left its run."""
+    address = operator.url.rpartition("/")[0] + "/run"
+    operator.goto(address)
+    operator.wait_for_function("lab.state")
+    if operator.evaluate("lab.state.bench === 'recording'"):
+        operator.evaluate("lab.post('abort')")
+        operator.wait_for_function("lab.state.bench === 'ended'")
+        operator.goto(address)
     operator.wait_for_selector(".lab-stack:not(.lab-live) canvas")
     return operator
 
@@ -129,6 +135,22 @@ def test_stop_in_the_header_ends_a_run_that_is_kept_whole(page, lab: Path, recor
     assert run.metadata.state == "complete"
     assert any(one.text.startswith("stopped by the operator") for one in run.metadata.marks)
     assert 50 < len(run) < 80_000
+
+
+def test_stop_is_heard_when_it_is_pressed_as_the_page_changes(page, lab: Path, recorded) -> None:
+    """The old page sends it while it goes."""
+    begin(page, "at once")
+    page.evaluate(
+        """() => {
+          const stop = [...document.querySelectorAll("button")].find((one) => one.textContent.trim() === "STOP");
+          addEventListener("pagehide", () => stop.click());
+          location.assign("/runs");
+        }"""
+    )
+    at_zero(lab)
+    page.goto(page.url.rpartition("/")[0] + "/run")
+    page.get_by_text("Stopped; what was recorded is kept.").wait_for()
+    assert recorded().metadata.state == "complete"
 
 
 def test_an_experiment_without_a_mouse(page, lab: Path, recorded) -> None:

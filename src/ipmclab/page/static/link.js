@@ -98,6 +98,7 @@ const lab = (window.lab = {
     try {
       answer = await fetch(`/bench/${what}`, {
         method: "POST",
+        keepalive: true, // a press as the page changes, STOP above all, is not dropped with the page
         headers: { "content-type": "application/json" },
         body: JSON.stringify(values),
       });
