@@ -202,14 +202,15 @@ class PreparedRun:
         return bool(shown < _SHOWS_ZERO)
 
     @property
+    def zero_is_taken(self) -> bool:
+        """Whether the current of a run on a bench was taken to read zero at 0 V."""
+        is_measured = "current" in self.readings and self.run.metadata.origin != "simulated"
+        return is_measured and ("offset", "current") not in self.unsettled
+
+    @property
     def zero_is_open(self) -> bool:
-        """Whether the current was taken to read zero at 0 V, and nothing has shown it."""
-        return (
-            "current" in self.readings
-            and self.run.metadata.origin != "simulated"
-            and self.zero_is_unseen
-            and ("offset", "current") not in self.unsettled
-        )
+        """The same, where nothing has shown it."""
+        return self.zero_is_taken and self.zero_is_unseen
 
     @property
     def delay_is_free(self) -> bool:

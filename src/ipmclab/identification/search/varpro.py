@@ -25,7 +25,6 @@ from ipmclab.progress import tick
 
 FloatArray = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]
-IndexArray = npt.NDArray[np.intp]
 
 _BRIEFLY: Final = 3  # steps of each set with a pair: a start, of which the rest is the fit's own search
 _FOLLOWED: Final = 3  # of these, to their minimum

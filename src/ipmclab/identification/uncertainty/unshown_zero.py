@@ -17,7 +17,6 @@ from ipmclab.fit.as_fitted import listed
 from ipmclab.identification.noise.pieces import directions_of
 from ipmclab.identification.noise.zeros import LARGEST_ZERO
 from ipmclab.identification.problem.problem import Problem
-from ipmclab.identification.problem.record import PreparedRun
 from ipmclab.identification.search.solve import Solution
 from ipmclab.run import Finding, FloatArray
 from ipmclab.ties import names_by_size
@@ -44,9 +43,7 @@ def unshown_zeros(problem: Problem, solution: Solution) -> list[Finding]:
     """
     jacobian = solution.evaluation.jacobian
     free = [k for k, unknown in enumerate(problem.unknowns) if unknown.log and not unknown.nuisance]
-    records = [
-        record for record in problem.records if _is_taken_as_zero(record) and not _is_free(problem, record.place)
-    ]
+    records = [record for record in problem.records if record.zero_is_taken and not _is_free(problem, record.place)]
     if not free or not records:
         return []
     inverse = directions_of(solution.evaluation)
@@ -75,12 +72,6 @@ def unshown_zeros(problem: Problem, solution: Solution) -> list[Finding]:
         if away:
             found.append((_unshown if record.zero_is_open else _hardly_shown)(record.label, zero, away))
     return found
-
-
-def _is_taken_as_zero(record: PreparedRun) -> bool:
-    """Whether the current of a run on a bench was taken to read zero at 0 V."""
-    measured = "current" in record.readings and record.run.metadata.origin != "simulated"
-    return measured and ("offset", "current") not in record.unsettled
 
 
 def _is_free(problem: Problem, place: int) -> bool:
@@ -124,32 +115,36 @@ def _of_a_zero(problem: Problem, key: tuple[int, str], size: float, where: Float
 
 
 def _unshown(label: str, zero: float, away: Mapping[str, float]) -> Finding:
-    channel = CHANNELS["current"]
     theirs = "more than its standard error" if len(away) == 1 else "more than their standard errors"
-    return Finding(
+    return _finding(
         "zero-not-shown",
-        "warning",
         f"{label}: the record begins with the voltage on, so its current was taken to read zero at 0 V. A zero of "
-        f"{channel.to_display(zero):.2g} {channel.display_unit}, which the readings do not contradict, would move "
-        f"{_moves(away)}, {theirs}",
+        f"{_shown(zero)}, which the readings do not contradict, would move {_moves(away)}, {theirs}",
         f"record 5 s at 0 V before the first edge, or free {OFFSET}",
-        channel="current",
-        values={"zero": zero, **away},
+        zero,
+        away,
     )
 
 
 def _hardly_shown(label: str, zero: float, away: Mapping[str, float]) -> Finding:
-    channel = CHANNELS["current"]
     theirs = "its interval, which counts" if len(away) == 1 else "their intervals, which count"
-    return Finding(
+    return _finding(
         "zero-hardly-shown",
-        "warning",
-        f"{label}: its rows at 0 V show the zero of the current to {channel.to_display(zero):.2g} "
-        f"{channel.display_unit} only (95 %). Such a zero would move {_moves(away)}, farther than {theirs} it as exact",
+        f"{label}: its rows at 0 V show the zero of the current to {_shown(zero)} only (95 %). Such a zero would move "
+        f"{_moves(away)}, farther than {theirs} it as exact",
         f"free {OFFSET}, or record longer at 0 V before the first edge",
-        channel="current",
-        values={"zero": zero, **away},
+        zero,
+        away,
     )
+
+
+def _finding(code: str, message: str, repair: str, zero: float, away: Mapping[str, float]) -> Finding:
+    return Finding(code, "warning", message, repair, channel="current", values={"zero": zero, **away})
+
+
+def _shown(zero: float) -> str:
+    channel = CHANNELS["current"]
+    return f"{channel.to_display(zero):.2g} {channel.display_unit}"
 
 
 def _moves(away: Mapping[str, float]) -> str:
