@@ -16,7 +16,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.identification.search.searched_run import SearchedRun
+from ipmclab.identification.search.searched_run import SearchedRun, side_by_side
 from ipmclab.model.numerics.drive import complex_responses
 from ipmclab.model.numerics.poles_loop import pole_values
 
@@ -117,18 +117,14 @@ class _Grid:
         rows[1 : 1 + first] = common
         blocks = rows[1 + first :].reshape(-1, width, rows.shape[1])
         places = slice(len(real)), slice(len(real), None, 2), slice(len(real) + 1, None, 2)
-        place, begin = 1, 0
-        for run in series:
-            own = slice(begin, begin + len(run.time))
-            begin = own.stop
+        for run, own, place in side_by_side(series):
             state = np.empty((len(real), len(run.drive.kind) + 1))
             pole_values(run.drive.durations, run.drive.kind, run.drive.start, run.drive.end, real, state)
             answers = [(0, state if run.drive.rows is None else state[:, run.drive.rows])]
             turned = [(0, complex_responses(run.drive, turning)[0])] if len(turning) else []
-            if run.free_start:
+            if place:
                 answers.append((place, np.exp(np.outer(real, run.time))))
                 turned.append((place, np.exp(np.outer(turning, run.time))))
-                place += 1
             for row, answer in answers:
                 blocks[places[0], row, own] = answer
             for row, turning_answer in turned:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -37,3 +38,12 @@ class SearchedRun:
     weight: FloatArray
     free_start: bool = False
     step: float | None = None
+
+
+def side_by_side(series: Sequence[SearchedRun]) -> Iterator[tuple[SearchedRun, slice, int]]:
+    """Each run with its rows among those of all, and the place of its free start among these (0: it has none)."""
+    begin = starts = 0
+    for run in series:
+        starts += run.free_start
+        yield run, slice(begin, begin + len(run.time)), starts if run.free_start else 0
+        begin += len(run.time)

@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.identification.search.pole_grid import grid_pairs, grid_starts
-from ipmclab.identification.search.searched_run import SearchedRun
+from ipmclab.identification.search.searched_run import SearchedRun, side_by_side
 from ipmclab.model.numerics.drive import complex_responses, responses
 from ipmclab.normal_equations import damped_step, pseudo_inverse
 from ipmclab.progress import tick
@@ -88,15 +88,12 @@ class _Table:
         moving = self.rows[self._fixed :]
         values = moving[: self.span].reshape(self._blocks, self.width, -1)
         slopes = moving[self.span :].reshape(self._blocks, self.width, -1)
-        place, begin = 1, 0
-        for run in self._series:
-            own = slice(begin, begin + len(run.time))
-            begin = own.stop
+        for run, own, place in side_by_side(self._series):
             if self.count:
                 values[: self.count, 0, own], slopes[: self.count, 0, own] = responses(run.drive, poles)
             if self.pairs:
                 self._write(values, slopes, 0, own, *complex_responses(run.drive, above))
-            if run.free_start:
+            if place:
                 # Other runs' readings do not know this start.
                 values[:, place], slopes[:, place] = 0.0, 0.0
                 decay = np.exp(np.outer(poles, run.time))
@@ -104,7 +101,6 @@ class _Table:
                 if self.pairs:
                     turning = np.exp(np.outer(above, run.time))
                     self._write(values, slopes, place, own, turning, turning * run.time)
-                place += 1
         moving *= self._weight
         products = self._products.copy()
         products[self._fixed :] = moving @ self.rows.T
