@@ -111,6 +111,17 @@ def test_a_coupling_whose_zero_does_not_show_keeps_its_static_value(seed: int) -
     assert static.value == pytest.approx(truth, rel=0.01)
 
 
+@pytest.mark.parametrize(("seed", "is_known"), [(0, True), (1, False), (2, False)])
+def test_a_gain_that_may_have_either_sign_is_not_known(seed: int, is_known: bool) -> None:
+    """Four seconds of a step: in two of three trials another fit that is as good comes back to nothing later."""
+    clean = simulate(STRIP, "step 1 V delay=1 s", duration=5.0, rate=20.0)
+    assert clean.force is not None
+    read = clean.force + 2e-4 * np.random.default_rng(seed).standard_normal(len(clean))
+    run = Run.from_arrays(time=clean.time, voltage=clean.voltage, force=read, hold=clean.hold)
+    known = {one.name: one for one in identify(STRIP, run, free="coupling").known}
+    assert ("force.static_gain" in known) == is_known
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_a_quantity_is_not_known_where_an_open_parameter_moves_it(seed: int) -> None:
     """A second branch whose capacitance may be anything from there on: the charge is not known, the resistance is."""

@@ -125,8 +125,8 @@ def _peak_contradicts(records: Sequence[PreparedRun], resistance: float) -> bool
 
 def _is_narrow(name: str, value: float, low: float, high: float) -> bool:
     """Whether it is known as well as a parameter that is called determined."""
-    if value == 0.0 or not math.isfinite(high - low) or (derived(name).positive and low <= 0.0):
-        return False  # a logarithm that went beyond all numbers
+    if not math.isfinite(high - low) or low <= 0.0 <= high:
+        return False  # a logarithm that went beyond all numbers, or a gain that may have either sign
     half = 0.5 * (math.log(high / low) if derived(name).positive else (high - low) / abs(value))
     return half <= NORMAL_95 * DETERMINED
 
