@@ -154,6 +154,10 @@ STYLES: dict[str, Style] = {
         ("No.", "time (s)", "voltage (V)", "current (mA)", "laser (mm)"),
         spoil=insert_column([str(k) for k in range(N)], 0),
     ),
+    "the time beside each channel": Style(
+        ("time (s)", "voltage (V)", "time (s)", "current (mA)", "laser (mm)"),
+        spoil=insert_column([f"{t:.3f}" for t in TIME], 2),
+    ),
     "commanded and read": Style(
         ("time (s)", "U set (V)", "U (V)", "current (mA)", "laser (mm)"), spoil=insert_column("1.5", 1)
     ),
@@ -168,6 +172,8 @@ STYLES: dict[str, Style] = {
     "blank readings": Style(spoil=lose("")),
     "words for no reading": Style(spoil=lose("#N/A")),
     "infinite readings": Style(spoil=lose("Inf")),
+    "overrange of a meter": Style(spoil=lose("OVLD")),
+    "overrange of a hand-held meter": Style(spoil=lose("O.L")),
     "dashes for no reading": Style(spoil=lose("---")),
     "dashes below the headings": Style(between="---,---,---,---"),
     "iso dates": Style(times=stamps(lambda t: t.isoformat(" ")), names=("timestamp", *Style.names[1:])),

@@ -36,7 +36,7 @@ def find_time(inquiry: Inquiry) -> None:
     named = named or [column for column in inquiry.all if column.heading.of_unit == ("time",) and column.readings]
     rising = [column for column in named if column.readings and column.readings.rises]
     stated = [column for column in rising if column.heading.unit]
-    chosen = stated or rising
+    chosen = _each_once(inquiry, stated or rising)
     if len(chosen) > 1:
         picked = inquiry.choose("time", chosen, "which column is the time?", optional=False)
         if picked is None:
@@ -52,6 +52,23 @@ def find_time(inquiry: Inquiry) -> None:
         elif not inquiry.is_open("channels.time.column"):
             said = _where_it_falls(inquiry, named) or "the file does not say when its rows were read"
             _ask_period(inquiry, f"{said}: what is the time between two rows?")
+
+
+def _each_once(inquiry: Inquiry, columns: Sequence[Column]) -> list[Column]:
+    """Without columns that repeat the times of one before them: some programs write the time beside each channel."""
+    found: list[Column] = []
+    for column in columns:
+        if any(column.heading.unit == other.heading.unit and _are_equal(column, other) for other in found):
+            inquiry.used.add(column.place)
+        else:
+            found.append(column)
+    return found
+
+
+def _are_equal(one: Column, other: Column) -> bool:
+    assert one.readings is not None
+    assert other.readings is not None
+    return np.array_equal(one.readings.values, other.readings.values, equal_nan=True)
 
 
 def _where_it_falls(inquiry: Inquiry, named: Sequence[Column]) -> str:

@@ -21,6 +21,8 @@ _MISSING: Final = frozenset(
     (
         *("", "nan", "inf", "+inf", "-inf", "infinity", "+infinity", "-infinity"),
         *("na", "n/a", "null", "none", "#n/a", "#num!", "#div/0!", "#value!"),
+        # What meters write beyond their range.
+        *("ol", "+ol", "-ol", "o.l", "o.l.", "ovld", "ovrflw", "overflow", "overload", "overrange", "out of range"),
     )
 )
 """Texts, in lower case, that stand for a reading that is not there."""
@@ -220,7 +222,8 @@ class Columns:
             row,
             column,
             "not-a-number",
-            "correct it in a copy of the file, or name another column; blanks, dashes, NaN and Inf are read as missing",
+            "correct it in a copy of the file, or name another column; blanks, dashes, NaN, Inf and OVLD are read as "
+            "missing",
         )
 
     def _complaint(self, cell: Any, row: int, column: int, code: str, repair: str) -> InputError:
