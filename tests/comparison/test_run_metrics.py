@@ -37,6 +37,15 @@ def test_charge_and_energy_of_a_capacitor_with_a_resistor() -> None:
     assert metric(run, "energy").unit == "J"
 
 
+def test_a_charge_is_what_went_in_before_the_rest_with_which_a_recording_ends() -> None:
+    """The same capacitor, back at 0 V after 20 s: all of it flows out again."""
+    voltage = np.where(TIME < 20.0, 1.0, 0.0)
+    full = 1.0 - math.exp(-20.0 / 5.0)
+    current = 0.1 * np.where(TIME < 20.0, np.exp(-TIME / 5.0), -full * np.exp(-(TIME - 20.0) / 5.0))
+    run = Run.from_arrays(time=TIME, voltage=voltage, current=current)
+    assert metric(run, "charge").value == pytest.approx(0.5 * full, rel=1e-3)
+
+
 def test_mean_power_and_charge_of_half_a_period_of_a_sine() -> None:
     """1 V and 20 mA, 60 degrees apart: V I cos(60 deg) / 2, and I T / pi."""
     angle = math.tau * 0.1 * TIME

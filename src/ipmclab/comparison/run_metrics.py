@@ -99,7 +99,14 @@ def _electrical(run: Run, metrics: tuple[Metric, ...]) -> Iterator[Metric]:
         return
     time, current, voltage = run.time[there], run.current[there], run.voltage[there]
     by = "by the trapezoidal rule, readings as they stand"
-    yield _exact("charge", _integral(time, current), "C", f"The integral of the current over the whole record, {by}.")
+    held = Record.of(run).held_last
+    driven = np.flatnonzero(there) < held[1] if held is not None else slice(None)
+    yield _exact(
+        "charge",
+        _integral(time[driven], current[driven]),
+        "C",
+        f"The integral of the current over the record, less a rest at 0 V with which it ends: what goes in, {by}.",
+    )
     yield _exact(
         "energy", _integral(time, voltage * current), "J", f"The integral of voltage times current, {by}: what went in."
     )
