@@ -149,6 +149,37 @@ def _is(row, key):
     return (row["channel"], row["metric"]) == key
 
 
+@pytest.mark.parametrize(
+    ("name", "beside", "values", "mean", "deviation"),
+    [
+        ("largest", "amplitude", (0.0990, -0.0992), -0.0991, 1.41e-4),  # a square: either reversal may be the larger
+        ("largest", "time_to_peak", (0.0990, -0.0992), -1e-4, 0.140),  # a step that went the other way
+        ("phase", "amplitude", (3.14, -3.14), np.pi, 2.25e-3),
+    ],
+)
+def test_repeats_that_noise_puts_on_either_side_have_their_mean_on_one(name, beside, values, mean, deviation):
+    planned = blocks_of(load_campaign("friend-chapter-5"))[0].runs[0]
+    runs = [
+        RunResult(
+            planned,
+            None,
+            "",
+            "kept",
+            (),
+            (Metric(name, "current", value, "A", None, ""), Metric(beside, "current", 0.01, "A", None, "")),
+        )
+        for value in values
+    ]
+    (repeated,) = by_repeat(runs)
+    assert repeated.mean("current", name) == (
+        pytest.approx(mean, abs=1e-9),
+        pytest.approx(deviation, rel=0.01),
+        2,
+    )
+    low, high = repeated.interval("current", name)
+    assert low < mean < high
+
+
 def test_facts_are_those_of_the_strip(made):
     from ipmclab import load_actuator
     from ipmclab.data import published_sample
