@@ -21,6 +21,7 @@ MISTAKES = [
     ("repeats = 2", "repeat = 2", "line 29: experiments.0.repeat"),
     ('actuator = "friend-3-measured"', 'actuator = "friend-9"', "line 22: samples.1.actuator"),
     ('id = "strip-3"', 'id = "strip-1"', "line 21: samples.1.id"),
+    ('id = "strip-3"', 'id = "STRIP-1"', "line 21: samples.1.id"),
     ('rig = "virtual"', 'rig = "nowhere.toml"', "line 2: rig"),
     ("baseline = true", 'baseline = true\nfolder = "runs"', "line 31: experiments.0.folder"),
 ]

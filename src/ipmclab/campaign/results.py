@@ -97,9 +97,9 @@ class Repeated:
         """A metric of each repeat, on one side: noise alone turns a sign, or a phase of half a turn."""
         values = np.array([one.value for one in self.metrics(channel, name)])
         if name == "phase":
-            return values[:1] + np.angle(np.exp(1j * (values - values[:1])))
+            values = values[:1] + np.angle(np.exp(1j * (values - values[:1])))
         if name in _OF_EITHER_SIDE and self.metrics(channel, "amplitude"):
-            return np.copysign(values, values.sum())
+            values = np.copysign(values, values.sum())
         return values
 
     def interval(self, channel: str, name: str) -> tuple[float, float] | None:
