@@ -180,6 +180,11 @@ def test_repeats_that_noise_puts_on_either_side_have_their_mean_on_one(name, bes
     assert low < mean < high
 
 
+def test_a_peak_that_did_not_come_is_above_what_the_voltage_was_held(made):
+    page = (made[1] / "report.html").read_text(encoding="utf-8")
+    assert re.search(r"above 3\d\.\d+\xa0s", page)
+
+
 def test_facts_are_those_of_the_strip(made):
     from ipmclab import load_actuator
     from ipmclab.data import published_sample
