@@ -141,10 +141,16 @@ def read_results(
             continue
         try:
             record = read_run(folder / event["path"])
-        except InputError:
+        except InputError as error:
             if event["verdict"] == "flagged":  # perhaps for this very reason
                 continue
-            raise
+            raise InputError(
+                f"{run.id} was recorded and kept, and now: {error.message}",
+                code=error.code,
+                where=error.where,
+                repair="put the file back from a copy; or, as long as its journal is kept, move journal-archive/"
+                f"{event['uuid']}.runj into recording, both in {folder}, then: ipmclab recover {folder}",
+            ) from error
         codes = tuple(dict.fromkeys(one["code"] for one in event["findings"] if one["severity"] != "info"))
         findings = check(record)
         said = {one.code: one.message for one in findings}
