@@ -196,3 +196,10 @@ def test_a_number_beyond_its_end_is_told_which_may_stand_there(wrong, repair):
     with pytest.raises(InputError) as caught:
         campaign_from_text(TEMPLATE.replace(line, wrong))
     assert caught.value.repair == f"give {repair}"
+
+
+def test_a_remark_names_the_samples_that_it_is_about():
+    remarks = plan_campaign(campaign_from_text(TEMPLATE), bytes_free=10**12).remarks
+    expected = [one for one in remarks if "expected to draw" in one and one.startswith("displacement")]
+    assert [one.partition(":")[0] for one in expected] == ["displacement of strip-1", "displacement of strip-3"]
+    assert any(one.startswith("displacement: the limit of the current is 300 mA") for one in remarks)
