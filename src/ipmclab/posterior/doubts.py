@@ -11,7 +11,7 @@ from ipmclab.identification.uncertainty.covariance import is_coloured
 from ipmclab.posterior.density import AT_FLOOR
 from ipmclab.run import Finding
 
-_AGAINST: Final = frozenset({*LACKING, "mountings-differ", "not-converged", "prior-contradicted"})
+_AGAINST: Final = frozenset({*LACKING, "mountings-differ", "prior-contradicted"})
 """Warnings with which samples describe the model, or an average, and not the strip. So does every error."""
 
 
