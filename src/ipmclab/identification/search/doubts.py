@@ -119,7 +119,7 @@ def largest_current(problem: Problem, theta: FloatArray, record: PreparedRun) ->
     if reading is None or not len(reading.measured):
         return 0.0, 0.0
     added = np.broadcast_to(problem.of_sensor(theta, record.place, "current"), len(reading.values))
-    largest = float(np.abs(reading.measured - added[reading.used]).max())
+    largest = float(np.abs(reading.measured - added[reading.exact]).max())
     return largest, max(largest - _SURELY * reading.noise, 0.0)
 
 
