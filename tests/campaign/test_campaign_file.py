@@ -21,6 +21,7 @@ MISTAKES = [
     ("repeats = 2", "repeat = 2", "line 29: experiments.0.repeat"),
     ('actuator = "friend-3-measured"', 'actuator = "friend-9"', "line 22: samples.1.actuator"),
     ('id = "strip-3"', 'id = "strip-1"', "line 21: samples.1.id"),
+    ('id = "strip-3"', 'id = "STRIP-1"', "line 21: samples.1.id"),
     ('rig = "virtual"', 'rig = "nowhere.toml"', "line 2: rig"),
     ("baseline = true", 'baseline = true\nfolder = "runs"', "line 31: experiments.0.folder"),
 ]
@@ -195,3 +196,10 @@ def test_a_number_beyond_its_end_is_told_which_may_stand_there(wrong, repair):
     with pytest.raises(InputError) as caught:
         campaign_from_text(TEMPLATE.replace(line, wrong))
     assert caught.value.repair == f"give {repair}"
+
+
+def test_a_remark_names_the_samples_that_it_is_about():
+    remarks = plan_campaign(campaign_from_text(TEMPLATE), bytes_free=10**12).remarks
+    expected = [one for one in remarks if "expected to draw" in one and one.startswith("displacement")]
+    assert [one.partition(":")[0] for one in expected] == ["displacement of strip-1", "displacement of strip-3"]
+    assert any(one.startswith("displacement: the limit of the current is 300 mA") for one in remarks)

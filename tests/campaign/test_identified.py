@@ -1,11 +1,12 @@
 """The models of samples: from which runs, how they are kept, and what becomes of one that cannot be identified."""
 
+import re
 from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
 import pytest
 
-from ipmclab import load_actuator, read_fit, simulate, validate
+from ipmclab import load_actuator, read_fit, simulate, validate, write_run
 from ipmclab.campaign import identified
 from ipmclab.campaign.board import board_of
 from ipmclab.campaign.campaign_file import campaign_from_text
@@ -14,6 +15,7 @@ from ipmclab.campaign.methods import identification
 from ipmclab.campaign.results import RunResult
 from ipmclab.campaign.state import State
 from ipmclab.campaign.template import TEMPLATE
+from ipmclab.cli.app import run
 from ipmclab.errors import InputError
 from ipmclab.reporting.sample_models import model_part
 from ipmclab.signals import Sine, Step
@@ -108,6 +110,18 @@ def test_what_cannot_be_identified_is_said_and_not_tried_again(tmp_path, monkeyp
     assert part.doubt
     assert "the readings are worth nothing" in part.sentences[0]
     assert identification([one]) == ()
+
+
+def test_the_command_that_shows_the_other_findings_runs(tmp_path, monkeypatch):
+    write_run(STEP.record, tmp_path / "step.nc")
+    with State(tmp_path) as state:
+        (model,) = identify_samples(CAMPAIGN, tmp_path, [replace(STEP, path="step.nc")], state)
+    part = model_part(model)
+    assert "identified from step 1 V (displacement) in the room (models/strip-1.toml)" in part.sentences[0]
+    monkeypatch.chdir(tmp_path)
+    found = re.search(r"ipmclab (report .*), in the folder of this report", part.more)
+    assert run(found.group(1).split()) == 0
+    assert (tmp_path / "strip-1.html").is_file()
 
 
 def test_another_fit_in_its_place_is_left_as_it_is(tmp_path):

@@ -2,6 +2,7 @@
 
 import csv
 import re
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,8 +18,10 @@ from ipmclab.campaign.state import read_events
 from ipmclab.cli.app import run
 from ipmclab.comparison.baseline import drift_of
 from ipmclab.comparison.run_metrics import metrics_of_run
+from ipmclab.errors import InputError
 from ipmclab.prediction.headline import READINGS
 from ipmclab.quality.metrics import Metric
+from ipmclab.store.run_file import read_run
 
 CAMPAIGN = """
 title = "a part of <chapter 5>"
@@ -147,6 +150,58 @@ LARGEST = ("displacement", "largest")
 
 def _is(row, key):
     return (row["channel"], row["metric"]) == key
+
+
+@pytest.mark.parametrize(
+    ("name", "beside", "values", "mean", "deviation"),
+    [
+        ("largest", "amplitude", (0.0990, -0.0992), -0.0991, 1.41e-4),  # a square: either reversal may be the larger
+        ("largest", "time_to_peak", (0.0990, -0.0992), -1e-4, 0.140),  # a step that went the other way
+        ("phase", "amplitude", (3.14, -3.14), np.pi, 2.25e-3),
+    ],
+)
+def test_repeats_that_noise_puts_on_either_side_have_their_mean_on_one(name, beside, values, mean, deviation):
+    planned = blocks_of(load_campaign("friend-chapter-5"))[0].runs[0]
+    runs = [
+        RunResult(
+            planned,
+            None,
+            "",
+            "kept",
+            (),
+            (Metric(name, "current", value, "A", None, ""), Metric(beside, "current", 0.01, "A", None, "")),
+        )
+        for value in values
+    ]
+    (repeated,) = by_repeat(runs)
+    assert repeated.mean("current", name) == (
+        pytest.approx(mean, abs=1e-9),
+        pytest.approx(deviation, rel=0.01),
+        2,
+    )
+    low, high = repeated.interval("current", name)
+    assert low < mean < high
+
+
+def test_a_peak_that_did_not_come_is_above_what_the_voltage_was_held(made):
+    page = (made[1] / "report.html").read_text(encoding="utf-8")
+    assert re.search(r"above 3\d\.\d+\xa0s", page)
+
+
+def test_a_kept_run_that_was_lost_comes_back_by_what_the_message_says(made, tmp_path):
+    file, out = made
+    copy = tmp_path / "copy"
+    shutil.copytree(out, copy)
+    lost = copy / next(one["path"] for one in read_events(copy) if one["event"] == "recorded")
+    whole = read_run(lost).content_sha256
+    lost.unlink()
+    with pytest.raises(InputError, match="was recorded and kept, and now: no such file") as told:
+        results_of(file, copy)
+    journal, _, place = re.search(r"move (\S+) into (recording), both in (\S+), then", told.value.repair).groups()
+    (Path(place) / journal).replace(copy / "recording" / Path(journal).name)
+    assert run(["recover", place]) == 0
+    assert read_run(lost).content_sha256 == whole
+    assert len(results_of(file, copy)[1]) == 4
 
 
 def test_facts_are_those_of_the_strip(made):

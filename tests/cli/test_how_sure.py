@@ -40,6 +40,7 @@ def test_profile_and_bootstrap_free_what_the_fit_had_freed(command, fitted: Path
             assert high - low == pytest.approx(3.92 * error, rel=0.45)
     shown = command("profile", "fitted.toml", "step.nc")
     assert "profile's 95 %" in shown.out
+    assert "This fit can be used to predict the current" in shown.out
     few = command("bootstrap", "fitted.toml", "step.nc", "--count", "5")
     assert few.status == 2
     assert "needs 40" in few.err
@@ -82,6 +83,16 @@ def test_a_delay_of_the_fit_is_found_again_without_being_named(command, tmp_path
     for words in (("profile",), ("bootstrap", "--count", "40")):
         again = command(words[0], "fitted.toml", "foreign.nc", *words[1:], "--json")
         assert again.status == 0, again.err
+
+
+def test_intervals_of_a_fit_that_is_not_to_be_used_come_with_that_word(command, fitted: Path) -> None:
+    thin = ipmclab.load_actuator("friend-2").replace(**{"circuit.sheet_resistance": 3.0})
+    ipmclab.write_actuator(thin, fitted.parent / "thin.toml")
+    for words in (("profile",), ("bootstrap", "--count", "40")):
+        told = command(words[0], "thin.toml", "step.nc", "--free", "circuit.branches.0.permittivity", *words[1:])
+        assert told.status == 0, told.err
+        assert "Do not use this fit" in told.out
+        assert "in series with the branches allow" in told.out.replace("\n", " ").replace("         ", " ")
 
 
 def test_forecast_is_that_of_python(command, tmp_path: Path) -> None:

@@ -50,6 +50,11 @@ def test_a_run_counts_once_whatever_files_hold_it(tmp_path: Path, sines: list[Ru
     told = f"{first.as_posix()} holds the same run, and each run counts once"
     assert [(one.run, one.message) for one in found.unread] == [(first.as_posix(), told), ("copy.nc", told)]
     assert len(compare([sines[0], sines[0]]).rows) == 2  # of what is no file, who asks knows what it is
+    # A record that was imported twice, from two files, is one; a simulated run of another day is another one.
+    for path, source in ((first, "a.csv"), (copy, "a.xlsx")):
+        about = replace(sines[0].metadata, origin="measured", source_file=source)
+        write_run(replace(sines[0], metadata=about), path, overwrite=True)
+    assert [row.run for row in compare([first, copy]).rows] == ["first.nc"]
 
 
 def test_runs_of_one_name_keep_apart(sines: list[Run]) -> None:

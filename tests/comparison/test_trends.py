@@ -68,3 +68,15 @@ def test_only_runs_that_differ_in_the_factor_alone_are_held_against_each_other()
     assert found.runs == 3
     assert trend_of("displacement.largest", "step", rows, FACTORS["temperature"]) is None
     assert trend_of("displacement.largest", "sine", rows, FACTORS["voltage"]) is None
+
+
+def test_a_constant_excludes_no_law() -> None:
+    """Five strips of one run each: AICc asks 20 for one number of shape more, which is no evidence against a law."""
+    draw = np.random.default_rng(1)
+    volts = (1.0, 1.0, 2.0, 2.0, 3.0)
+    rows = [row(2e-3 * volt * math.exp(0.5 * draw.normal()), sample="", voltage=volt) for volt in volts]
+    found = trend_of("displacement.largest", "step", rows, FACTORS["voltage"])
+    assert found is not None
+    assert found.laws[0].law == "constant"
+    assert min(one.aicc for one in found.laws[1:]) > 2.0
+    assert set(found.not_excluded) == {law.name for law in LAWS}

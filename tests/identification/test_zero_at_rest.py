@@ -94,3 +94,15 @@ def test_a_current_that_denies_rest_is_asked_though_another_channel_is_fitted() 
     assert fit.observations[0].start == "free"
     slow = fit.parameters["relaxation.displacement.0.time_constant"]
     assert slow.interval[0] < strip["relaxation.displacement.0.time_constant"] < slow.interval[1]
+
+
+@pytest.mark.parametrize(("sheet_resistance", "is_contradicted"), [(4.0 / 3.0, False), (1.6, True)])
+def test_the_zero_of_the_sensor_is_no_current_of_the_strip(sheet_resistance: float, is_contradicted: bool) -> None:
+    """60.3 mA of a strip whose electrodes allow 62.5, read with 5 mA more: they are not contradicted."""
+    run = record(5e-3 + white(3e-5, 0))
+    fit = identify(STRIP.replace(**{"circuit.sheet_resistance": sheet_resistance}), run, free="electrical")
+    assert fit.observations[0].offset["current"] == pytest.approx(5e-3, rel=0.1)
+    found = [one for one in fit.findings if one.code == "impossible-current"]
+    assert bool(found) is is_contradicted
+    assert all(one.values["current"] == pytest.approx(60e-3, rel=0.02) for one in found)
+    assert any(one.name == "circuit.high_frequency_resistance" for one in fit.known) is not is_contradicted

@@ -249,6 +249,16 @@ def test_residuals_that_no_noise_describes_are_told(fit: Fit) -> None:
     assert {"model-incomplete", "posterior-too-narrow"} <= {finding.code for finding in doubts(wrong, wrong.estimate)}
 
 
+def test_what_a_fit_is_refused_for_and_what_its_model_lacks_is_told(fit: Fit) -> None:
+    assert fit.estimate is not None
+    lost = Finding("contact-lost", "error", "the contact was open", channel="current")
+    aside = Finding("response-opposite", "error", "it goes the wrong way", channel="displacement")
+    lacks = Finding("stage-missing", "warning", "the residuals show a leak", channel="current")
+    noted = Finding("exact-fixed-value", "warning", "taken as exact")
+    told = doubts(replace(fit, findings=(lost, aside, lacks, noted)), fit.estimate)
+    assert told == (lost, lacks)
+
+
 def in_mountings(*leaks: float) -> list[Run]:
     """Runs of one strip whose leak the clamp changes: one period each, as a filter goes through their rows."""
     generator = np.random.default_rng(20261121)

@@ -120,7 +120,7 @@ def test_a_current_that_is_only_the_drift_of_its_zero() -> None:
     assert not step.done
     (finding,) = step.findings
     assert finding.code == "no-dc-current"
-    assert "the dc resistance is above some" in finding.repair
+    assert "the dc resistance is above some 5500 ohm" in finding.repair
 
 
 def test_a_current_of_which_nothing_shows_the_limit_is_not_called_zero() -> None:
@@ -133,6 +133,7 @@ def test_a_current_of_which_nothing_shows_the_limit_is_not_called_zero() -> None
     (finding,) = step.findings
     assert finding.code == "not-steady"
     assert "nothing shows towards what" in finding.message
+    assert finding.repair == "hold the voltage for 380 s or longer"
     assert "inf" not in finding.message
 
 

@@ -11,6 +11,7 @@ import numpy.typing as npt
 import pytest
 
 from ipmclab import load_actuator, simulate
+from ipmclab.comparison.run_metrics import metrics_of_run
 from ipmclab.quality import Metric, measure, period_of
 from ipmclab.quality.metrics import shows_zero
 from ipmclab.quality.period import periodic_part
@@ -46,6 +47,15 @@ def test_a_decaying_current() -> None:
     assert found["peak_at_first_edge"].unit == "A"
 
 
+def test_a_bending_that_still_grows_has_its_peak_later() -> None:
+    run = stepped(displacement=after(lambda t: 1e-3 * (1.0 - np.exp(-t / 20.0))))
+    found = metrics(run, "displacement")
+    assert found["time_to_peak"].value == pytest.approx(37.98)
+    assert found["time_to_peak"].interval == (found["time_to_peak"].value, math.inf)
+    # How long the voltage was held is none of what runs are compared by.
+    assert "time_to_peak" not in [one.name for one in metrics_of_run(run)]
+
+
 def test_a_bending_that_relaxes_back_through_rest() -> None:
     """y = A (exp(-a t) - exp(-b t)) - c t: its peak where the derivative vanishes."""
     a, b, height, drift, rest = 0.1, 1.0, 1.2e-3, 2e-5, 9e-3
@@ -59,6 +69,7 @@ def test_a_bending_that_relaxes_back_through_rest() -> None:
     found = metrics(stepped(displacement=rest + after(shape) + noise), "displacement")
     assert found["peak_at_first_edge"].value == pytest.approx(float(shape(fine)[peak]), abs=5e-7)
     assert found["time_to_peak"].value == pytest.approx(float(fine[peak]), abs=0.15)
+    assert found["time_to_peak"].interval is None
     end = float(shape(np.arange(1710, 1900) / 50.0).mean())
     assert found["back_relaxation"].value == pytest.approx(1.0 - end / float(shape(fine)[peak]), abs=2e-3)
     assert found["back_relaxation"].value > 1.0

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import importlib
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from ipmclab import InputError, Run, RunMetadata, bootstrap, identify, load_actuator, read_fit, write_fit
+from ipmclab import InputError, IpmclabError, Run, RunMetadata, bootstrap, identify, load_actuator, read_fit, write_fit
 from ipmclab.fit.fit import Fit
 from ipmclab.refitting.bootstrap import Bootstrap
 from tests.independent.bounds import ELECTRICAL, noisy_current, relative_errors, step_and_sine
@@ -100,3 +101,13 @@ def test_too_few_draws_and_a_fit_from_a_file_are_refused(fit: Fit, tmp_path: Pat
     write_fit(fit, tmp_path / "fit.toml")
     with pytest.raises(InputError, match="identify again"):
         bootstrap(read_fit(tmp_path / "fit.toml"))
+
+
+def test_what_is_left_of_draws_that_failed_must_be_enough_too(fit: Fit, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of 21 fits no 95 % interval is told, as little as of 21 draws."""
+    module = importlib.import_module("ipmclab.refitting.bootstrap")
+    whole = module.fits_again
+    monkeypatch.setattr(module, "fits_again", lambda *given: [*whole(*given)[:21], *19 * [None]])
+    with pytest.raises(IpmclabError, match="19 of 40 fits to drawn readings failed, and 21 do not give") as caught:
+        bootstrap(fit, 40)
+    assert (caught.value.code, caught.value.exit_status) == ("too-few-draws", 1)

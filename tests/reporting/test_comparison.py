@@ -99,6 +99,22 @@ def test_a_strip_has_one_look_and_strips_alike_in_the_other_property_are_joined(
     assert "one membrane thickness" in step.caption
 
 
+def test_a_power_of_ten_does_not_stand_in_the_name_of_a_panel() -> None:
+    key = "displacement.strain_amplitude"
+
+    def row(volts: float) -> RunRow:
+        size = Metric("strain_amplitude", "displacement", 2.5e-5 * volts, "", None, "")
+        return RunRow(f"{volts}.nc", "a", "", "", "", "sine", {"voltage": volts}, {key: size})
+
+    found = Comparison((row(1.0), row(2.0)), chosen_factors(["voltage"]), (key,), {}, {}, {}, ())
+    figure = factor_figures(found)[0].draw()
+    figure.draw_without_rendering()
+    panel = figure.axes[0]
+    power = panel.yaxis.get_offset_text()
+    assert "1e" in power.get_text()
+    assert not power.get_window_extent().overlaps(panel._left_title.get_window_extent())
+
+
 def test_tables_and_figures_as_files(tmp_path: Path) -> None:
     strip = ipmclab.load_actuator("friend-2")
     found = compare([ipmclab.simulate(strip, f"step {one} V", duration=10.0, rate=10.0) for one in (1, 2, 3, 4)])

@@ -293,3 +293,21 @@ def test_a_band_holds_every_row_and_hardly_more(count: int) -> None:
         assert not beyond[apart].any()
     assert path.vertices[:, 0].min() == 0.0
     assert path.vertices[:, 0].max() == time[-1]
+
+
+def test_legends_of_many_runs_have_room(material, lost_laser) -> None:
+    """Ten runs need three rows above the first panel; five kinds of readings that were left out two above another."""
+    run = replace(lost_laser, force=None)
+    codes = ("laser-lost", "spike", "rate-jump", "at-limit", "contact-missing")
+    masked = [
+        Finding(code, "warning", "m", channel="displacement", samples=((9, 20),), effect="mask") for code in codes
+    ]
+    figure = runs_figure([run] * 10, [f"the run of day {day}" for day in range(10)], [masked] * 10)
+    figure.draw_without_rendering()
+    displacement = next(panel for panel in figure.axes if panel.get_title(loc="left").startswith("displacement"))
+    assert len(figure.axes[0].get_legend().get_texts()) == 10
+    assert len(displacement.get_legend().get_texts()) == len(codes)
+    for panel in (figure.axes[0], displacement):
+        box = panel.get_legend().get_window_extent()
+        assert box.y1 <= figure.bbox.y1
+        assert not any(box.overlaps(other.get_window_extent()) for other in figure.axes)

@@ -221,6 +221,13 @@ def test_the_verdict_scores_only_what_the_model_never_saw(material, tmp_path) ->
     )
 
 
+def test_a_fit_that_is_not_to_be_used_says_so_once(material, tmp_path) -> None:
+    thin = load_actuator("friend-2").replace(**{"circuit.sheet_resistance": 3.0})
+    fit = identify(thin, material.runs, free="electrical")
+    path = report(fit, runs=material.runs, validation_runs=material.validation_runs, path=tmp_path / "report.html")
+    assert Page(path.read_text("utf-8")).text.count("Do not use this fit") == 1
+
+
 def test_a_validation_that_shows_nothing_is_a_doubt(material, tmp_path) -> None:
     determined = {name: replace(one, determined=True) for name, one in material.fit.parameters.items()}
     fit = replace(material.fit, parameters=determined)

@@ -172,6 +172,13 @@ def test_a_run_has_one_journal(tmp_path: Path) -> None:
     journal.close()
 
 
+def test_a_file_is_no_folder_of_a_laboratory(tmp_path: Path) -> None:
+    (tmp_path / "runs").write_text("a file")
+    with pytest.raises(InputError, match="this is a file") as caught:
+        Laboratory.open(tmp_path / "runs")
+    assert "name a folder" in caught.value.repair
+
+
 def test_no_room_is_told_before_anything_moves(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     laboratory = Laboratory.open(tmp_path)
     planned = free_space_needed(rate=1e4, duration=3600.0, columns=COLUMNS)

@@ -136,6 +136,14 @@ def _campaign(table: Mapping[str, Any], folder: Path, name: str, text: str, wher
                 where=f"samples.{at}.id",
                 repair="give each its own id",
             )
+        alike = [other for other in ids[:at] if other.casefold() == id_.casefold()]
+        if alike:
+            raise InputError(
+                f"the files of sample {id_!r} would be those of {alike[0]!r} where capitals do not count",
+                code="bad-value",
+                where=f"samples.{at}.id",
+                repair="give each an id that differs from the others not in capitals alone",
+            )
     parts = tuple(part_of(one, at, read.method, strips, folder) for at, one in enumerate(read.experiments))
     for at, part in enumerate(parts):
         if part.name in [other.name for other in parts[:at]]:

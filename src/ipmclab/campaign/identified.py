@@ -28,6 +28,7 @@ from ipmclab.model import Actuator, load_actuator
 from ipmclab.model.stages.beam import YOUNGS_MODULUS
 from ipmclab.model.stages.circuit import SHEET
 from ipmclab.model.stages.leak import LEAK, Leak
+from ipmclab.platform import is_device
 from ipmclab.prediction.validate import Validation, validate
 from ipmclab.run import Run
 from ipmclab.signals import Step
@@ -49,11 +50,11 @@ def model_name(sample: str) -> str:
 
     Examples
     --------
-    >>> model_name("friend-2"), model_name("Nafion 117/3")
-    ('friend-2', 'Nafion-117-3-92348cb4')
+    >>> model_name("friend-2"), model_name("Nafion 117/3"), model_name("aux")
+    ('friend-2', 'Nafion-117-3-92348cb4', 'aux-bac20cb8')
     """
     word = re.sub(r"[^A-Za-z0-9._-]+", "-", sample).lstrip(".")
-    return word if word == sample else f"{word}-{zlib.crc32(sample.encode()):08x}"
+    return word if word == sample and not is_device(word) else f"{word}-{zlib.crc32(sample.encode()):08x}"
 
 
 @dataclass(frozen=True)

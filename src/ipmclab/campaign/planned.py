@@ -140,18 +140,26 @@ def plan_campaign(campaign: Campaign, *, bytes_free: int) -> CampaignPlan:
     blocks = blocks_of(campaign)
     timed: list[TimedRun] = []
     limits: dict[str, dict[str, str]] = {}
-    remarks: dict[str, None] = {}
+    remarks: dict[tuple[str, str], dict[str, None]] = {}
     questions: dict[str, None] = {}
     passed, needed = 0.0, BALLAST
     for one in sittings_of(campaign, blocks):
         plan = _plan(campaign, one, bytes_free)
         limits[_place(one.block)] = plan.as_dict()["limits"]
-        remarks.update(dict.fromkeys(f"{one.block.part}: {text}" for text in plan.remarks))
+        for text in plan.remarks:
+            remarks.setdefault((one.block.part, text), {})[one.block.strip.sample.id] = None
         questions.update(dict.fromkeys(step.text for step in plan.steps if step.question is not None))
         timed += _timed(one, plan, passed)
         passed += plan.seconds
         needed += plan.bytes_needed - BALLAST
-    return CampaignPlan(campaign, blocks, tuple(timed), limits, tuple(remarks), passed, tuple(questions), needed)
+    said = tuple(_remark(blocks, part, text, list(samples)) for (part, text), samples in remarks.items())
+    return CampaignPlan(campaign, blocks, tuple(timed), limits, said, passed, tuple(questions), needed)
+
+
+def _remark(blocks: Sequence[Block], part: str, text: str, samples: Sequence[str]) -> str:
+    """What is to be thought of in an experiment; of which samples, where it is not so of all of them."""
+    of_all = len({block.strip.sample.id for block in blocks if block.part == part}) == len(samples)
+    return f"{part}: {text}" if of_all else f"{part} of {', '.join(samples)}: {text}"
 
 
 def _place(block: Block) -> str:

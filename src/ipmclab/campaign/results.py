@@ -7,9 +7,10 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
+import numpy.typing as npt
 from scipy.special import stdtrit
 
 from ipmclab.campaign.blocks import BASELINE, Block, CampaignRun
@@ -22,6 +23,11 @@ from ipmclab.store.run_file import read_run
 
 if TYPE_CHECKING:
     from ipmclab.comparison.compare import Comparison
+
+FloatArray = npt.NDArray[np.float64]
+
+_OF_EITHER_SIDE: Final = ("largest", "strain")
+"""Metrics with the sign of the side that is larger: of a periodic signal that may be either."""
 
 
 @dataclass(frozen=True)
@@ -82,10 +88,19 @@ class Repeated:
 
     def mean(self, channel: str, name: str) -> tuple[float, float, int] | None:
         """Mean of a metric over its repeats, their standard deviation (NaN for one), and how many there are."""
-        values = [one.value for one in self.metrics(channel, name)]
-        if not values:
+        values = self._values(channel, name)
+        if not len(values):
             return None
         return float(np.mean(values)), float(np.std(values, ddof=1)) if len(values) > 1 else math.nan, len(values)
+
+    def _values(self, channel: str, name: str) -> FloatArray:
+        """A metric of each repeat, on one side: noise alone turns a sign, or a phase of half a turn."""
+        values = np.array([one.value for one in self.metrics(channel, name)])
+        if name == "phase":
+            values = values[:1] + np.angle(np.exp(1j * (values - values[:1])))
+        if name in _OF_EITHER_SIDE and self.metrics(channel, "amplitude"):
+            values = np.copysign(values, values.sum())
+        return values
 
     def interval(self, channel: str, name: str) -> tuple[float, float] | None:
         """The 95 % interval of the mean of a metric: by the scatter of the repeats, of one run by its own noise.
@@ -126,10 +141,16 @@ def read_results(
             continue
         try:
             record = read_run(folder / event["path"])
-        except InputError:
+        except InputError as error:
             if event["verdict"] == "flagged":  # perhaps for this very reason
                 continue
-            raise
+            raise InputError(
+                f"{run.id} was recorded and kept, and now: {error.message}",
+                code=error.code,
+                where=error.where,
+                repair="put the file back from a copy; or, as long as its journal is kept, move journal-archive/"
+                f"{event['uuid']}.runj into recording, both in {folder}, then: ipmclab recover {folder}",
+            ) from error
         codes = tuple(dict.fromkeys(one["code"] for one in event["findings"] if one["severity"] != "info"))
         findings = check(record)
         said = {one.code: one.message for one in findings}

@@ -9,7 +9,14 @@ import typer
 
 from ipmclab.cli.files import fit_or_actuator, read_runs
 from ipmclab.cli.options import ActuatorName, Json, PerMounting, PerRun, Prior, RunFiles, Scheduler, Workers
-from ipmclab.cli.output import print_json, print_table, progress, significant
+from ipmclab.cli.output import (
+    print_json,
+    print_most_important,
+    print_paragraph,
+    print_table,
+    progress,
+    significant,
+)
 from ipmclab.errors import InputError
 
 if TYPE_CHECKING:
@@ -150,7 +157,9 @@ def _freed(fit: Fit) -> tuple[list[str], list[str], list[str]]:
 
 
 def _print(fit: Fit, found: Mapping[str, tuple[float, float]], title: str) -> None:
-    """Print intervals in addition to those of the fit, in the units that people read."""
+    """Print intervals in addition to those of the fit, in the units that people read; then what the fit says."""
+    from ipmclab.fit.verdict import verdict
+
     known = fit.actuator.parameters()
     rows = []
     for name, ends in found.items():
@@ -160,3 +169,8 @@ def _print(fit: Fit, found: Mapping[str, tuple[float, float]], title: str) -> No
         unit = base.quantity.display_unit if base is not None else one.unit
         rows.append([name, significant(factor * one.value, 5), *spans, unit])
     print_table(["parameter", "value", "95 % interval", title, "unit"], rows)
+    print_paragraph(verdict(fit))
+    outputs = [name for one in fit.observations for name in one.noise]
+    labels = [label for label, _ in fit.runs]
+    where = "ipmclab identify --details"
+    print_most_important(fit.findings, details=False, outputs=outputs, labels=labels, where=where)

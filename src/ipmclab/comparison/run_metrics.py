@@ -46,8 +46,8 @@ def metrics_of_run(run: Run, *, strip: Actuator | None = None, drift: Drift | No
     Returns
     -------
     metrics : tuple of Metric
-        Those of ``measure``; of the current, charge, energy and, where it is periodic, mean power and the charge of
-        half a period; with a strip, the strain at its surface.
+        Those of ``measure``, without the time to a peak that the record does not reach; of the current, charge, energy
+        and, where it is periodic, mean power and the charge of half a period; with a strip, the strain at its surface.
 
     Examples
     --------
@@ -65,7 +65,13 @@ def metrics_of_run(run: Run, *, strip: Actuator | None = None, drift: Drift | No
         found = measure(still, check(run))
         metrics = tuple(_less_drift(one, drift, run, found) for one in found)
         gains = tuple(_less_drift(one, drift, run, found) for one in _gains(still, found))
-    return (*metrics, *_electrical(run, metrics), *gains, *_strain(metrics, strip))
+    told = (one for one in metrics if not _is_later(one))
+    return (*told, *_electrical(run, metrics), *gains, *_strain(metrics, strip))
+
+
+def _is_later(metric: Metric) -> bool:
+    """Whether it is a time to a peak that did not come while the voltage was held: how long that was says nothing."""
+    return metric.name == "time_to_peak" and metric.interval is not None
 
 
 def _less_drift(metric: Metric, drift: Drift, run: Run, found: tuple[Metric, ...]) -> Metric:

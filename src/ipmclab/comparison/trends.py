@@ -2,8 +2,9 @@
 
 Four laws with one parameter of shape each, and none at all, fitted alike: errors multiply, and each group of runs that
 differ in nothing but this factor has a size of its own. They are compared by AICc and by the error at levels that were
-left out. Friend calls the growth with humidity, voltage and temperature exponential, each observed at three levels of
-one strip: with two free numbers a law, three readings decide nothing.
+left out. A flat course is one of every law: that the runs call for no shape excludes none. Friend calls the growth
+with humidity, voltage and temperature exponential, each observed at three levels of one strip: with two free numbers a
+law, three readings decide nothing.
 """
 
 from __future__ import annotations
@@ -55,8 +56,10 @@ def _logarithmic(place: FloatArray, ratio: float) -> FloatArray:
     return np.log1p(place * (ratio - 1.0)) / math.log(ratio)
 
 
+_FLAT: Final = "constant"
+
 LAWS: Final = (
-    Law("constant", lambda _, place, __: np.zeros_like(place)),
+    Law(_FLAT, lambda _, place, __: np.zeros_like(place)),
     Law("linear", lambda b, place, _: _log(1.0 + math.expm1(b) * place)),
     Law("exponential", lambda b, place, _: b * place),
     Law("power", lambda b, place, ratio: b * _logarithmic(place, ratio)),
@@ -163,7 +166,12 @@ def trend_of(key: str, waveform: str, rows: Sequence[RunRow], factor: Factor) ->
     best = min(one.aicc for one in fits) if all(math.isfinite(one.aicc) for one in fits) else math.inf
     fits = [replace(one, aicc=one.aicc - best if math.isfinite(best) else math.inf) for one in fits]
     fits.sort(key=lambda one: (one.aicc, one.held_out))
-    open_ones = tuple(one.law for one in fits if not one.aicc > _TELLS or not math.isfinite(best))
+    of_shape = min(one.aicc for one in fits if one.law != _FLAT)
+    open_ones = tuple(
+        one.law
+        for one in fits
+        if not math.isfinite(best) or one.aicc <= _TELLS + (0.0 if one.law == _FLAT else of_shape)
+    )
     return Trend(key, waveform, factor, levels, len(kept), tuple(fits), open_ones)
 
 
@@ -184,16 +192,16 @@ def _fit(law: Law, place: FloatArray, ratio: float, logs: FloatArray, member: In
     shape = _best_shape(law, place, ratio, logs, member)
     left = _left(law.shape(shape, place, ratio), logs, member)
     count, groups = len(logs), len(set(member.tolist()))
-    free = groups + (law.name != "constant") + 1
+    free = groups + (law.name != _FLAT) + 1
     variance = float(left @ left) / count
     room = count - free - 1
     aicc = math.inf if room <= 0 else count * math.log(max(variance, 1e-30)) + 2.0 * free * (1.0 + (free + 1.0) / room)
-    change = math.exp(shape) if law.name != "constant" else 1.0
+    change = math.exp(shape) if law.name != _FLAT else 1.0
     return LawFit(law.name, change, aicc, _held_out(law, place, ratio, logs, member))
 
 
 def _best_shape(law: Law, place: FloatArray, ratio: float, logs: FloatArray, member: IntArray) -> float:
-    if law.name == "constant":
+    if law.name == _FLAT:
         return 0.0
 
     def loss(shape: float) -> float:

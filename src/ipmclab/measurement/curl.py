@@ -95,7 +95,7 @@ def curl(run: Run, displacement: float, *, test: float = TEST, share: float = SH
     Raises
     ------
     InputError
-        No displacement, a voltage, or a record shorter than a test.
+        No displacement or one that never changes, a voltage, or a record shorter than a test.
 
     Examples
     --------
@@ -116,6 +116,13 @@ def curl(run: Run, displacement: float, *, test: float = TEST, share: float = SH
     time, readings = _at_rest(run)
     if len(time) < _FEWEST:
         raise _too_few()
+    if np.ptp(readings) == 0.0:
+        raise InputError(
+            "every reading of its displacement is the same: nothing shows that the tip was seen, or how finely",
+            code="no-resolution",
+            where=run.name or "run",
+            repair="see that the reading follows the tip when it is touched, and record more decimals",
+        )
     length = float(time[-1] - time[0])
     # A record of exactly one test ends one row before it.
     count = int(length * len(time) / (len(time) - 1) / test * (1.0 + 1e-9))

@@ -5,21 +5,14 @@ from __future__ import annotations
 from typing import Final
 
 from ipmclab.fit.fit import Fit
+from ipmclab.fit.in_brief import LACKING, is_aside
 from ipmclab.identification.solved import Estimate
 from ipmclab.identification.uncertainty.covariance import is_coloured
 from ipmclab.posterior.density import AT_FLOOR
 from ipmclab.run import Finding
 
-_AGAINST: Final = frozenset(
-    {
-        "impossible-current",
-        "model-explains-nothing",
-        "model-incomplete",
-        "mountings-differ",
-        "not-converged",
-        "prior-contradicted",
-    }
-)
+_AGAINST: Final = frozenset({*LACKING, "mountings-differ", "prior-contradicted"})
+"""Warnings with which samples describe the model, or an average, and not the strip. So does every error."""
 
 
 def doubts(fit: Fit, estimate: Estimate) -> tuple[Finding, ...]:
@@ -35,7 +28,10 @@ def doubts(fit: Fit, estimate: Estimate) -> tuple[Finding, ...]:
         The solved problem of it.
     """
     problem = estimate.correlated.problem
-    found = [finding for finding in fit.findings if finding.code in _AGAINST]
+    outputs = {output for one in fit.observations for output in one.noise}
+    found = [
+        one for one in fit.findings if one.code in _AGAINST or (one.severity == "error" and not is_aside(one, outputs))
+    ]
     repair = "use the intervals of the fit, which allow for it; a further branch or stage may help"
     if any(finding.code == "mountings-differ" for finding in found):
         repair = "name what the clamp changes in per_mounting, or sample each mounting by itself"

@@ -27,6 +27,9 @@ _HOW_WELL: Final = (
 """From which percent of fit to which, and the word: a fifth, and four fifths, of what readings vary by are left
 (convention)."""
 
+SO_SAID: Final = " (So said identify.)"
+"""After what a fit says of itself, where a validation repeats it."""
+
 _GROWS: Final = "which only a leak that grows (leak.slow) can follow"
 
 
@@ -210,7 +213,7 @@ def _said_by_itself(actuator: Actuator) -> list[str]:
         said = verdict(fit_of(actuator, where=actuator.name))
     except InputError:
         return []
-    return [f"{said} (So said identify.)"] if said.startswith(REFUSED) else []
+    return [f"{said}{SO_SAID}"] if said.startswith(REFUSED) else []
 
 
 def _new(runs: Sequence[RunValidation]) -> str:

@@ -19,7 +19,7 @@ from ipmclab.quality.record import Record
 from ipmclab.quality.steady import settle
 from ipmclab.quality.usable import unmasked
 from ipmclab.run import Finding, Run
-from ipmclab.units import RESISTANCE, RESISTIVITY
+from ipmclab.units import RESISTANCE, RESISTIVITY, significant
 
 NAME: Final = "circuit.dc_resistivity"
 TITLE: Final = "dc resistance from the steady state"
@@ -234,7 +234,7 @@ def _no_limit(label: str, held: float, limit: float, away: Sequence[float]) -> F
         "not-steady",
         "warning",
         f"{label}: the current still changes {held:.3g} s after the step, and {text}",
-        f"hold the voltage for {max(4.0 * held, 4.0 * _SHORTEST):.2g} s or longer",
+        f"hold the voltage for {significant(max(4.0 * held, 4.0 * _SHORTEST), 2)} s or longer",
         "current",
         values={"held": held},
     )
@@ -248,7 +248,8 @@ def _no_current(label: str, volts: float, limit: float, reach: float) -> Finding
         "warning",
         f"{label}: at {volts:.3g} V the current settles towards {1e3 * limit:.3g} mA, within {1e3 * reach:.2g} mA: "
         "that is zero, or the zero of its sensor has moved",
-        f"the dc resistance is above some {least:.2g} ohm; look at the current at 0 V before and after the step",
+        f"the dc resistance is above some {significant(least, 2)} ohm; look at the current at 0 V before and after the "
+        "step",
         "current",
         values={"limit": limit, "least": least},
     )
@@ -278,8 +279,8 @@ def _not_steady(
         "warning",
         f"{label}: {held:.3g} s after the step the current is {1e3 * end:.4g} mA, on its way to {1e3 * limit:.4g} mA: "
         f"read off there, the dc resistance would be {read_off:.4g} ohm and not {settled:.4g} ohm",
-        f"hold the voltage for {needed:.2g} s; the limit of an exponential was taken, which is right if nothing slower "
-        "follows",
+        f"hold the voltage for {significant(needed, 2)} s; the limit of an exponential was taken, which is right if "
+        "nothing slower follows",
         "current",
         values={"held": held, "end": end, "limit": limit, "read_off": read_off, "needed": needed},
     )

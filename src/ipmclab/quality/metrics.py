@@ -205,10 +205,11 @@ def _first_peak(record: Record, response: _Response) -> list[Metric]:
         Metric(
             "time_to_peak",
             channel.name,
-            float(record.run.time[start + peak.row] - record.run.time[edge]),
+            (lasted := float(record.run.time[start + peak.row] - record.run.time[edge])),
             "s",
-            None,
-            "Time from the row of the first edge of the voltage to the row of peak_at_first_edge.",
+            None if len(fallen) else (lasted, math.inf),
+            "Time from the row of the first edge of the voltage to the row of peak_at_first_edge. Where the response "
+            "has not come back from it when the voltage changes, the interval is open: the peak may be later.",
         ),
     ]
     rows = end - edge

@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 
 from ipmclab.engine import Engine, Here
-from ipmclab.errors import InputError
+from ipmclab.errors import InputError, IpmclabError
 from ipmclab.fit.fit import Fit
 from ipmclab.identification.noise.correlate import Correlated
 from ipmclab.identification.solved import solved
@@ -88,6 +88,8 @@ def bootstrap(
     ------
     InputError
         A fit that was read from a file, or too few draws.
+    IpmclabError
+        Fits to so many draws failed that too few are left.
 
     Examples
     --------
@@ -124,6 +126,14 @@ def _shifts(correlated: Correlated, count: int, generator: np.random.Generator) 
 def _told(fit: Fit, thetas: list[FloatArray | None], count: int) -> Bootstrap:
     problem = solved(fit).problem
     done = [theta for theta in thetas if theta is not None]
+    if len(done) < FEWEST_DRAWS:
+        raise IpmclabError(
+            f"{count - len(done)} of {count} fits to drawn readings failed, and {len(done)} do not give a 95 % "
+            f"interval, which needs {FEWEST_DRAWS}",
+            code="too-few-draws",
+            where="count",
+            repair="free fewer parameters: identify says which these runs determine; or draw more",
+        )
     samples = values_of(problem, done)
     found = {name: samples[name] for name in fit.parameters if np.isfinite(samples.get(name, np.nan)).all()}
     finite = {name: np.isfinite(fit.parameters[name].standard_error) for name in found}

@@ -292,7 +292,8 @@ def _cell(one: Repeated, column: str) -> str:
     channel, name, (mean, deviation, _) = found
     mean = abs(mean) if (channel, name) == ("current", "largest") else mean  # of a square: either polarity
     if name == "time_to_peak":
-        return f"{plain(mean)}{NO_BREAK}s"
+        is_later = any(metric.interval is not None for metric in one.metrics(channel, name))
+        return f"{'above ' if is_later else ''}{plain(mean)}{NO_BREAK}s"
     if name == "back_relaxation":
         return f"{plain(100.0 * mean, 2)}{NO_BREAK}%"
     quantity = CHANNELS[channel]

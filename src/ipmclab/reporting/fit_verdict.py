@@ -9,6 +9,7 @@ from ipmclab.fit.verdict import REFUSED
 from ipmclab.fit.verdict import verdict as verdict_of
 from ipmclab.prediction.remarks import averages
 from ipmclab.prediction.validate import Validation
+from ipmclab.prediction.verdict import SO_SAID
 from ipmclab.prediction.verdict import verdict_of as verdict_of_runs
 from ipmclab.reporting.wording import percent
 
@@ -38,7 +39,8 @@ def verdict(fit: Fit, validations: Sequence[Validation]) -> tuple[list[str], boo
     if found is None:
         sentences.append("No run was kept for validation: nothing here shows what the model predicts for other inputs.")
     else:
-        sentences += found.sentences
+        # Of the fit's own actuator, which says of itself what stands first.
+        sentences += [one for one in found.sentences if one != f"{sentences[0]}{SO_SAID}"]
     open_ones = [name for name, one in fit.parameters.items() if not one.determined]
     if open_ones:
         sentences.append(

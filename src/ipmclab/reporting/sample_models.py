@@ -5,11 +5,12 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Final
 
 from markupsafe import Markup
 
-from ipmclab.campaign.identified import MODELS, SampleModel, label_of
+from ipmclab.campaign.identified import MODELS, Choice, SampleModel, label_of
 from ipmclab.fit.in_brief import Brief, in_brief
 from ipmclab.prediction.run_validation import RunValidation
 from ipmclab.reporting.figures.campaign import MOST_COLUMNS, predicted_figure
@@ -81,7 +82,7 @@ def model_part(model: SampleModel) -> ModelPart:
         if shown
         else None,
         findings=(*lines, *new),
-        more=_more(more, model.path.name) if more else "",
+        more=_more(more, model.choice, model.path.name) if more else "",
     )
 
 
@@ -93,7 +94,7 @@ def _sentences(model: SampleModel) -> Iterator[str]:
     if model.choice.measured == "current":
         found = "The circuit was"
     where = f"{MODELS}/{model.path.name}"
-    yield f"{found} identified from {label_of(model.choice.source)} at {model.choice.source.run.condition} ({where})."
+    yield f"{found} identified from {label_of(model.choice.source)} {_at(model.choice.source.run.condition)} ({where})."
     if model.validation is None:
         yield "No other run is there that it could predict."
         return
@@ -112,6 +113,10 @@ def _sentences(model: SampleModel) -> Iterator[str]:
             f"The current of these runs is not the one that the model has (fit {percent(current.fit_percent)}): the "
             "contact at the clamp, or the state of the strip, was another one."
         )
+
+
+def _at(condition: str) -> str:
+    return "in the room" if condition == "room" else f"at {condition}"
 
 
 def _score(one: RunValidation, output: str) -> str:
@@ -136,5 +141,7 @@ def _fresh(findings: Sequence[Finding], before: Sequence[Finding]) -> list[Findi
     return [one for one in findings if one.code not in said]
 
 
-def _more(count: int, name: str) -> str:
-    return f"{count} more finding{'s' * (count > 1)}: ipmclab report {MODELS}/{name} shows them"
+def _more(count: int, choice: Choice, file: str) -> str:
+    what = f"{count} more finding{'s' * (count > 1)}"
+    command = f"ipmclab report {MODELS}/{file} --runs {choice.source.path} --out {Path(file).stem}.html"
+    return f"{what}: {command}, in the folder of this report, shows {'them' if count > 1 else 'it'}"

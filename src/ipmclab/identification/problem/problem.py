@@ -241,6 +241,10 @@ class Problem:
             return record.known_delay or 0.0
         return sum(unknown.value(float(theta[column])) for column, unknown in self.places[record.place].delays)
 
+    def of_sensor(self, theta: FloatArray, place: int, output: str) -> FloatArray | float:
+        """What the zero and the slope of a sensor add to its readings in one run [SI]: 0 where neither is free."""
+        return sum((theta[column] * added for column, added in self.places[place].sensors[output]), start=0.0)
+
     def start(self, theta: FloatArray, place: int) -> FloatArray:
         """Starting amplitudes of one run; empty for rest."""
         return theta[self.places[place].starts]

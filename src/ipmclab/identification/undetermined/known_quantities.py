@@ -108,7 +108,9 @@ def _of_runs(actuator: Actuator, points: Sequence[Point], alike: Sequence[Prepar
             continue
         low = min(other[name].interval[0] for other in each)
         high = max(other[name].interval[1] for other in each)
-        if _is_narrow(name, one.value, low, high) and not (name == AT_ONCE and _peak_contradicts(alike, low)):
+        if _is_narrow(name, one.value, low, high) and not (
+            name == AT_ONCE and _peak_contradicts(points[0], alike, low)
+        ):
             known.append(replace(one, interval=(low, high)))
     return known
 
@@ -118,9 +120,13 @@ def _driven_for(run: Run) -> float:
     return float(run.time[-1] - run.time[Checked.of(run).first_edge])
 
 
-def _peak_contradicts(records: Sequence[PreparedRun], resistance: float) -> bool:
-    """Whether more current was read than a circuit can draw whose high-frequency resistance is so high [ohm]."""
-    return any(largest_current(record) > largest_swing(record.run.voltage) / resistance for record in records)
+def _peak_contradicts(point: Point, records: Sequence[PreparedRun], resistance: float) -> bool:
+    """Whether the strip drew more current than a circuit whose high-frequency resistance is so high [ohm]."""
+    currents = [largest_current(point.problem, point.theta, record)[1] for record in records]
+    return any(
+        current > largest_swing(record.run.voltage) / resistance
+        for current, record in zip(currents, records, strict=True)
+    )
 
 
 def _is_narrow(name: str, value: float, low: float, high: float) -> bool:

@@ -168,6 +168,7 @@ def _draw_factor(
                 f"{metric_label(keys[place])}{_in_unit(quantity.display_unit)}", fontsize=7.4, fontweight="normal"
             )
             panel.set_xlabel(f"{factor.label}{_in_unit(factor.quantity.display_unit)}")
+            panel.yaxis.set_offset_position("right")  # a power of ten would stand in the title
             if factor.is_ratio:
                 panel.set_xscale("log")
                 few_ticks(panel)

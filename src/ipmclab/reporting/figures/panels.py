@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, Final, Literal
 
 import numpy as np
@@ -12,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from ipmclab.reporting.decimate import decimate
-from ipmclab.reporting.figures.layout import panel_grid
+from ipmclab.reporting.figures.layout import Margins, panel_grid
 from ipmclab.reporting.style import COLOURS, LINES, SERIES, label_text
 from ipmclab.reporting.wording import spelled_unit
 from ipmclab.units import CHANNELS, Quantity
@@ -20,6 +22,8 @@ from ipmclab.units import CHANNELS, Quantity
 _BAND_POINTS: Final = 400
 """Stretches of rows that a band is drawn in: as fine as a pixel."""
 
+_COLUMNS: Final = 4  # entries of a legend side by side
+_ROW: Final = 0.19  # height of a row of them [inch]
 _MANY: Final = 4  # entries of a legend from which its longest word gives way to the panel's name
 _ROOM: Final = 45  # letters that such a row of them has (measured: a figure of a report, "displacement (mm)")
 _SHORTEST: Final = 12  # letters that a name keeps
@@ -40,9 +44,19 @@ def model_series(index: int) -> dict[str, Any]:
     return {"color": COLOURS[SERIES[index % len(SERIES)]], "linestyle": LINES[index % len(LINES)]}
 
 
-def stacked(heights: Sequence[float]) -> tuple[Figure, list[Axes]]:
-    """Panels of these heights [inch], one above the other, over one time axis."""
-    figure, grid = panel_grid(heights, sharex="all")
+def stacked(heights: Sequence[float], *, named_above: int = 1, named_in_each: int = 1) -> tuple[Figure, list[Axes]]:
+    """Panels of these heights [inch], one above the other, over one time axis.
+
+    Parameters
+    ----------
+    heights : sequence of float [inch]
+    named_above, named_in_each : int
+        How many entries the legend of the first panel has, and that of any other one: they have room above it.
+    """
+    usual = Margins()
+    above, between = (_ROW * (math.ceil(count / _COLUMNS) - 1) for count in (named_above, named_in_each))
+    margins = replace(usual, top=usual.top + max(above, 0.0), row_gap=usual.row_gap + max(between, 0.0))
+    figure, grid = panel_grid(heights, margins=margins, sharex="all")
     panels: list[Axes] = list(grid[:, 0])
     for panel in panels:
         panel.margins(x=0.01)
@@ -149,7 +163,7 @@ def blocks(time: FloatArray, rows: Sequence[tuple[int, int]]) -> list[list[float
     return joined
 
 
-def legend_above(panel: Axes, *, columns: int = 4) -> None:
+def legend_above(panel: Axes, *, columns: int = _COLUMNS) -> None:
     """A legend above the right end of a panel, out of the way of the curves and of the panel's name."""
     handles, labels = panel.get_legend_handles_labels()
     if handles:

@@ -118,7 +118,12 @@ def runs_figure(runs: Sequence[Run], labels: Sequence[str], findings: Sequence[S
         raise InputError("there is no run to draw", code="no-runs", where="runs", repair="give at least one run")
     channels = [name for name in _DRAWN if any(name in run.channels for run in runs)]
     with style():
-        figure, panels = stacked([0.75 if "voltage" in name else 1.3 for name in channels])
+        named = [len(_named(channel, findings)) for channel in channels]
+        figure, panels = stacked(
+            [0.75 if "voltage" in name else 1.3 for name in channels],
+            named_above=max(len(runs), named[0]),
+            named_in_each=max(named),
+        )
         for panel, channel in zip(panels, channels, strict=True):
             for place, (run, label) in enumerate(zip(runs, labels, strict=True)):
                 values = run.channels.get(channel)
@@ -153,7 +158,9 @@ def _mark(panel: Axes, run: Run, findings: Sequence[Finding], colour: str, *, al
     """Shade what findings leave out of a channel; where a run is alone, other warnings are a bar at its foot."""
     for finding in findings:
         if finding.effect != "none" and finding.samples:
-            shade(panel, run.time, finding.samples, colour=colour, label=f"{finding.code}: {_effect(finding)}")
+            # What several runs have alike is named once.
+            label = text if (text := _left_out(finding)) not in panel.get_legend_handles_labels()[1] else ""
+            shade(panel, run.time, finding.samples, colour=colour, label=label)
     noted = [one for one in findings if one.effect == "none" and one.severity != "info" and one.samples]
     # What is said of all of a record, row by row or here and there, needs no place in it.
     span = float(run.time[-1] - run.time[0])
@@ -168,8 +175,15 @@ def _mark(panel: Axes, run: Run, findings: Sequence[Finding], colour: str, *, al
         shade(panel, run.time, finding.samples, colour=COLOURS["vermillion"], label=label, height=0.03)
 
 
-def _effect(finding: Finding) -> str:
-    return {"mask": "left out", "lower_bound": "a lower bound", "upper_bound": "an upper bound"}[finding.effect]
+def _left_out(finding: Finding) -> str:
+    effect = {"mask": "left out", "lower_bound": "a lower bound", "upper_bound": "an upper bound"}[finding.effect]
+    return f"{finding.code}: {effect}"
+
+
+def _named(channel: str, findings: Sequence[Sequence[Finding]]) -> set[str]:
+    """What the legend of a channel names of the findings of all runs."""
+    ours = [one for of_run in findings for one in of_run if one.channel in (channel, None) and one.samples]
+    return {_left_out(one) if one.effect != "none" else "noted" for one in ours}
 
 
 def _legends(panels: Sequence[Axes], runs: int) -> None:

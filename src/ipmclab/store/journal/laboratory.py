@@ -75,6 +75,13 @@ class Laboratory:
                 where=where,
                 repair="make the folder, or record elsewhere",
             )
+        if laboratory.root.exists() and not laboratory.root.is_dir():
+            raise InputError(
+                "this is a file, and runs are recorded into a folder",
+                code="no-such-folder",
+                where=where,
+                repair="name a folder, which is made where it does not exist",
+            )
         try:
             laboratory.root.mkdir(exist_ok=True)
             for folder in (laboratory.recording, laboratory.runs, laboratory.archive, laboratory.lost):
