@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -57,3 +59,16 @@ def test_another_fit_keeps_its_modes_where_one_of_them_is_held(gone: int) -> Non
     swapped[first], swapped[second] = theta[second], theta[first]
     same = Rival.of(fewer, swapped).sorted_as(fewer, values)
     assert same.entries == pytest.approx(Rival.of(fewer, theta).entries)
+
+
+def test_what_is_known_of_one_mode_alone_is_not_said_of_another() -> None:
+    """The size of a mode that does not show may be known of another fit, its time constant not: identify raised."""
+    ratio, time = "relaxation.displacement.{}.ratio", "relaxation.displacement.{}.time_constant"
+    unknowns = [
+        SimpleNamespace(name=name, base=name, value=float)
+        for name in (ratio.format(0), ratio.format(1), time.format(1))
+    ]
+    problem = SimpleNamespace(unknowns=unknowns, base={ratio.format(0): 0.0, time.format(0): 10.0})
+    found = {time.format(0): 10.0, time.format(1): 16.0}
+    other = Rival.of(problem, np.array([0.3, 0.5, 9.0]))  # type: ignore[arg-type]
+    assert other.sorted_as(problem, found) == other  # type: ignore[arg-type]

@@ -67,6 +67,29 @@ class Order:
         return self._numbered.sub(lambda match: f"{match[1]}.{self._places[match[1], int(match[2])]}.", text)
 
 
+def exchangeable(names: Iterable[str]) -> list[list[str]]:
+    """Names of parameters in groups: branches and modes of one kind are in one if the same of each is named.
+
+    What is known of one alone cannot be said of another.
+
+    Examples
+    --------
+    >>> exchangeable(["relaxation.force.0.ratio", "relaxation.force.1.ratio", "relaxation.force.1.time_constant"])
+    [['relaxation.force.0.ratio'], ['relaxation.force.1.ratio', 'relaxation.force.1.time_constant']]
+    """
+    _, numbered = _speeds(edition())
+    own: dict[tuple[str, str], list[str]] = {}
+    for name in names:
+        match = numbered.search(name)
+        if match:
+            own.setdefault((match[1], match[2]), []).append(name)
+    groups: dict[tuple[str, frozenset[str]], list[str]] = {}
+    for (kind, number), named in own.items():
+        endings = frozenset(name.replace(f"{kind}.{number}.", "", 1) for name in named)
+        groups.setdefault((kind, endings), []).extend(named)
+    return list(groups.values())
+
+
 @lru_cache(maxsize=4)
 def _speeds(_edition: int) -> tuple[Mapping[str, Callable[[Mapping[str, float], str], float]], re.Pattern[str]]:
     """How fast one of each kind is that a strip has several of, and their names in a text; many fits ask for it."""

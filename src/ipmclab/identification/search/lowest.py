@@ -19,6 +19,7 @@ from ipmclab.identification.search.along import along_valleys
 from ipmclab.identification.search.as_good import AS_GOOD, allowed_places
 from ipmclab.identification.search.descent import LONGEST, SHORTLY, at_floor, minimum, minimum_near, to_the_end, weigh
 from ipmclab.identification.search.doublet import COUPLING, without_doublet
+from ipmclab.identification.search.edges import between_other_rows
 from ipmclab.identification.search.pose import entries_at, is_size_of_leak, problem_at, without_leak
 from ipmclab.identification.search.solve import Solution
 from ipmclab.identification.search.starts.start import StartingPoint, known_first, starting_points
@@ -98,6 +99,8 @@ def _search(
             break
     tried = to_the_end(tried, noise)
     problem, solution = min(tried, key=lambda pair: pair[1].evaluation.cost)
+    solution, *others = between_other_rows(problem, solution)
+    tried = [(problem, solution), *tried, *((problem, other) for other in others)]
     stage("looking for other fits that are as good", 0.4, 0.5, 300)
     valley = along_valleys(actuator, names, problem, solution)
     lowest = _lowest_of(problem, solution, valley)

@@ -94,7 +94,7 @@ def entries_at(problem: Problem, point: StartingPoint) -> FloatArray:
             theta[place] = unknown.entry(unknown.inside(point.values[unknown.base]))
         elif unknown.base == "observation.delay":
             assert unknown.place is not None
-            theta[place] = unknown.entry(point.delays[unknown.place].value)
+            theta[place] = unknown.entry(point.delays[unknown.place].start)
         elif (unknown.is_water or unknown.base == SITES) and unknown.prior is not None:
             theta[place] = unknown.prior[0]
         else:

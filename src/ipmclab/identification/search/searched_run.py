@@ -47,3 +47,9 @@ def side_by_side(series: Sequence[SearchedRun]) -> Iterator[tuple[SearchedRun, s
         starts += run.free_start
         yield run, slice(begin, begin + len(run.time)), starts if run.free_start else 0
         begin += len(run.time)
+
+
+def moves_of_rows(rows: FloatArray) -> FloatArray:
+    """The edges of one of some records a row earlier or later, and those of all, shape (n_moves, n_records)."""
+    each, every = np.eye(len(rows)), np.ones((1, len(rows)))
+    return np.unique(rows + np.vstack([each, -each, every, -every]), axis=0)

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.identification.problem.order import Order
+from ipmclab.identification.problem.order import Order, exchangeable
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.problem.unknowns import Unknown
 from ipmclab.identification.search.solve import Solution
@@ -101,11 +101,14 @@ class Rival:
         for name, entry in self.entries.items():
             if name in unknowns:
                 values[unknowns[name].base] = unknowns[name].value(entry)
-        own, there = Order(values, self.entries), Order(reference, self.entries)
-        back = {there(name): name for name in self.entries}
+        called = {name: name for name in self.entries}
+        for group in exchangeable(self.entries):
+            own, there = Order(values, group), Order(reference, group)
+            back = {there(name): name for name in group}
+            called |= {name: back[own(name)] for name in group}
         return Rival(
-            {back[own(name)]: entry for name, entry in self.entries.items()},
-            {back[own(name)]: reach for name, reach in self.reach.items()},
+            {called[name]: entry for name, entry in self.entries.items()},
+            {called[name]: reach for name, reach in self.reach.items()},
         )
 
 

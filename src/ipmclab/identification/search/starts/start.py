@@ -77,7 +77,7 @@ def starting_points(
     if share in free and circuit is None:
         bases = [{**base, share: part} for base in bases for part in _DIRECT_SHARES]
     known = {record.place: record.known_delay for record in records if record.known_delay is not None}
-    shifts = {**known, **{place: delay.value for place, delay in delays.items()}}
+    shifts = {**known, **{place: delay.start for place, delay in delays.items()}}
     only_electrical = exact and _only_electrical(actuator, free, records)
     for base in bases:
         strip = actuator.replace(**_allowed(actuator, {**base, **without_further(actuator, free)}))
@@ -114,7 +114,7 @@ def _with_leak(
 ) -> list[dict[str, float]]:
     """Starting points of a circuit that leaks: a few for each series resistance that is tried."""
     strip = actuator.replace(**_allowed(actuator, base))
-    located = {place: delay.value for place, delay in delays.items()}
+    located = {place: delay.start for place, delay in delays.items()}
     most = _LEAK_STARTS + free.isdisjoint(SERIES)
     starts = leak_starts(strip, free, [in_means(record) or record for record in records], located, most)
     return [{**base, **_freed(start, free)} for start in starts]

@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from ipmclab.identification.problem.record import LONGEST_DELAY, EdgeDelay, PreparedRun, drive
-from ipmclab.identification.search.searched_run import SearchedRun
+from ipmclab.identification.search.searched_run import SearchedRun, moves_of_rows
 from ipmclab.identification.search.varpro import PoleFit, search_poles
 from ipmclab.model import geometry
 from ipmclab.model.admittance import Admittance, Elements, elements
@@ -25,6 +25,14 @@ _NEARLY_ALL: Final = 0.97  # largest part of the first resistance that may lie i
 _ROWS_AFTER_EDGE: Final = 2500  # that are searched for where it lies: later ones say nothing of it
 _MET: Final = 1.05  # ratio of poles below which they are one (convention)
 _SAME_COST: Final = 4.0  # of chi-square: two standard deviations
+
+
+class _Allowed(NamedTuple):
+    """Between which delays the edges of a record may lie, and before which row they are likeliest to [rows]."""
+
+    low: float
+    high: float
+    row: int
 
 
 def current_series(records: Sequence[PreparedRun], delays: Mapping[int, float]) -> list[SearchedRun]:
@@ -59,15 +67,54 @@ def find_circuit(
     """
     delays = {record.place: record.at_its_rows for record in records if record.delay_is_free}
     timed = [record for record in records if not record.delay_is_free]
-    for record in records:
-        if record.place in delays and record.shows_edges:
-            # Each by itself: beside another whose edges are no better known it would only seem to be located.
-            delays[record.place] = _locate([*timed, record], record, branches, series)
-    return _admittance(_search(records, {place: delay.value for place, delay in delays.items()}, branches)), delays
+    # Each by itself: beside another whose edges are no better known it would only seem to be located.
+    allowed = {
+        record.place: _locate([*timed, record], record, branches, series)
+        for record in records
+        if record.place in delays and record.shows_edges
+    }
+    if allowed:
+        delays |= _beside_each_other(records, allowed, _starts(delays), branches)
+    return _admittance(_search(records, _starts(delays), branches)), delays
 
 
-def _locate(records: Sequence[PreparedRun], record: PreparedRun, branches: int, series: float | None) -> EdgeDelay:
-    """The delays of one record that its readings allow, as a rectangular distribution.
+def _starts(delays: Mapping[int, EdgeDelay]) -> dict[int, float]:
+    return {place: delay.start for place, delay in delays.items()}
+
+
+def _beside_each_other(
+    records: Sequence[PreparedRun], allowed: Mapping[int, _Allowed], delays: Mapping[int, float], branches: int
+) -> dict[int, EdgeDelay]:
+    """The delays of all records together, from those that each allows by itself.
+
+    As the edges of a record move past a row, what that row reads of the current jumps: a search that follows the cost
+    stays between two rows. A step shows between which its edge lies. A slow voltage may show it only beside other
+    records, from which the circuit is known, and several of these only how they lie to each other.
+    """
+    short = [_beginning(record) for record in records]
+    periods = {record.place: record.period for record in records if record.place in allowed}
+    costs: dict[tuple[float, ...], float] = {}
+
+    def cost(rows: tuple[float, ...]) -> float:
+        if rows not in costs:
+            moved = {place: (row - 0.5) * periods[place] for place, row in zip(periods, rows, strict=True)}
+            costs[rows] = _search(short, {**delays, **moved}, branches, tries=1).cost
+        return costs[rows]
+
+    lowest, best = tuple(float(allowed[place].row) for place in periods), None
+    while lowest != best:
+        best = lowest
+        beside = (tuple(map(float, one)) for one in moves_of_rows(np.array(best)))
+        near = [one for one in beside if min(one) > -LONGEST_DELAY and max(one) <= LONGEST_DELAY]
+        lowest = min([best, *near], key=cost)
+    return {
+        place: EdgeDelay.of(allowed[place].low, allowed[place].high, row, periods[place])
+        for place, row in zip(periods, lowest, strict=True)
+    }
+
+
+def _locate(records: Sequence[PreparedRun], record: PreparedRun, branches: int, series: float | None) -> _Allowed:
+    """The delays of one record that its readings allow.
 
     Rows on both sides of a step confine its edge, but where it lies between them a step alone does not show: every
     such delay has its circuit, and some of these circuits cannot exist.
@@ -91,8 +138,7 @@ def _locate(records: Sequence[PreparedRun], record: PreparedRun, branches: int, 
         chosen = np.array(physical or chosen)
     # An edge on a row is seen by it: a range of delays is open at its lower end.
     low, high = float(steps[chosen[0]]) - 1.0 / _DELAY_PARTS, float(steps[chosen[-1]])
-    period = record.period
-    return EdgeDelay(0.5 * (low + high) * period, max(high - low, 1.0) * period / np.sqrt(12.0))
+    return _Allowed(low, high, math.ceil(steps[best]))
 
 
 def _beginning(record: PreparedRun) -> PreparedRun:
