@@ -79,7 +79,7 @@ def _findings(actuator: Actuator, every: Sequence[Left], tried: Sequence[Tried],
     chosen = named(tried)
     if chosen:
         return [_missing(actuator, chosen, fixed)]
-    return [_incomplete(left, tried, fixed) for left in every if left.coloured and (left.follows or left.bends)]
+    return [_incomplete(left, tried, fixed) for left in every if left.follows or left.bends]
 
 
 def _missing(actuator: Actuator, chosen: Sequence[Tried], fixed: str) -> Finding:

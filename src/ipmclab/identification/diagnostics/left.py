@@ -113,6 +113,23 @@ class Left:
         """Whether some fit leaves more of this output than its noise."""
         return self.squares(problem, here) > _MISFIT**2 * self.noise
 
+    @cached_property
+    def is_rounding(self) -> bool:
+        """Whether it is no more than rounding to the steps of a converter leaves, a twelfth of their squares.
+
+        Of what answers slowly it is autocorrelated and follows the voltage, whatever the model is.
+        """
+        of_steps = 0.0
+        for piece in self.pieces:
+            step = self.problem.record_at(piece.key[0]).readings[self.output].quantum
+            of_steps += len(piece.time) * (step / self.problem.noise[piece.key]) ** 2 / 12.0
+        return self.squares(self.problem, self.here) <= of_steps
+
+    @property
+    def is_doubted(self) -> bool:
+        """Whether it is neither white noise nor rounding."""
+        return self.coloured and not self.is_rounding
+
     def evidence(self, added: FloatArray) -> Evidence:
         """Of changes that the model does not know."""
         return Evidence(self.problem, self.here, self.pieces, added)
@@ -128,12 +145,12 @@ class Left:
     @cached_property
     def follows(self) -> bool:
         """Whether it follows the voltage in some linear way that the model does not know."""
-        return self.coloured and self._chance(bent=False) < REJECT
+        return self.is_doubted and self._chance(bent=False) < REJECT
 
     @cached_property
     def bends(self) -> bool:
         """Whether it follows the voltage times its magnitude, to which no linear model answers."""
-        return self.coloured and self._could_bend and self._chance(bent=True) < REJECT
+        return self.is_doubted and self._could_bend and self._chance(bent=True) < REJECT
 
     @property
     def _could_bend(self) -> bool:

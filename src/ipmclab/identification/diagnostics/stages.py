@@ -55,7 +55,7 @@ def tried_stages(actuator: Actuator, names: FreeParameters, every: Sequence[Left
     every : sequence of Left
         One for each output.
     """
-    doubted = [left for left in every if left.coloured]
+    doubted = [left for left in every if left.is_doubted]
     if not any(left.follows or left.bends for left in doubted):
         return []
     problem, theta = doubted[0].problem, doubted[0].theta
