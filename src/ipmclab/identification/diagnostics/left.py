@@ -123,7 +123,7 @@ class Left:
         for piece in self.pieces:
             step = self.problem.record_at(piece.key[0]).readings[self.output].quantum
             of_steps += len(piece.time) * (step / self.problem.noise[piece.key]) ** 2 / 12.0
-        return self.squares(self.problem, self.here) <= of_steps
+        return self.squares(self.problem, self.here) < of_steps
 
     @property
     def is_doubted(self) -> bool:
