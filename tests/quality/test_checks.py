@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from ipmclab import identify
 from ipmclab.model import load_actuator
 from ipmclab.quality import censored, check, usable
 from ipmclab.run import QUALITY_FLAGS, Finding, Run
@@ -272,6 +273,19 @@ def test_the_error_of_a_drift_is_honest(follows: float) -> None:
     assert np.std(slopes) == pytest.approx(np.mean(errors), rel=0.3)
 
 
+@pytest.mark.parametrize("short", [False, True])
+def test_a_gap_in_which_the_voltage_moves_is_said_by_check_and_by_a_fit(read: Read, short: bool) -> None:
+    """6 s of a sine of 10 s, whose course the fit cannot know; one row at its peak, which a straight line meets."""
+    run = read("sine 1 V 0.1 Hz")
+    kept = np.r_[0:1125, 1126:2000] if short else np.r_[0:1000, 1300:2000]
+    lost = Run.from_arrays(time=run.time[kept], voltage=run.voltage[kept], current=run.channels["current"][kept])
+    (finding,) = [one for one in check(lost) if one.code == "rows-missing"]
+    assert finding.values["moving"] == (not short)
+    assert ("its course in between is lost" in finding.message) == (not short)
+    fit = identify(load_actuator("friend-2"), lost, free="circuit.dc_resistivity")
+    assert any(one.code == "rows-missing" for one in fit.findings) == (not short)
+
+
 def test_the_clock(read: Read) -> None:
     run = read(STEP)
     unknown = replace(run, metadata=replace(run.metadata, sampling_period_known=False))
@@ -283,6 +297,7 @@ def test_the_clock(read: Read) -> None:
     gaps = replace(gaps, force=None, applied_voltage=None)
     assert only(gaps, "rows-missing").values["rows"] == 3
     assert "about 3 rows missing in 1 gap of the time" in only(gaps, "rows-missing").message
+    assert only(gaps, "rows-missing").values["moving"] == 0
     jitter = np.random.default_rng(20261121).uniform(-0.1, 0.1, 2000) * 0.02
     assert only(replace(run, time=run.time + jitter), "sampling-irregular").values["largest_deviation"] > 0.1
     rounded = check(replace(run, time=np.round(np.arange(2000) / 30.0, 3)))

@@ -39,6 +39,7 @@ def findings_of_records(
         if finding.code not in explained
         and (
             finding.severity == "error"
+            or finding.values.get("moving")  # a gap in which the model is driven by a guess
             or (finding.channel == "voltage" and finding.samples)  # it drives the model
             or (
                 (finding.effect != "none" or finding.code in _ALWAYS_REPORTED)

@@ -2,10 +2,23 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 import numpy as np
 
 from ipmclab.quality.record import Record, counted, ranges_of
 from ipmclab.run import Finding
+
+_MOVES: Final = 0.05  # of the largest voltage (convention)
+
+
+def _moves_about(record: Record, row: int) -> bool:
+    """Whether the voltage changes within the length of the gap behind a row, before and after it."""
+    time, voltage = record.run.time, record.run.voltage
+    length = time[row + 1] - time[row]
+    begin, end = np.searchsorted(time, (time[row] - length, time[row + 1] + length))
+    about = voltage[begin : max(end, row + 2)]
+    return bool(np.ptp(about) > _MOVES * np.abs(voltage).max())
 
 
 def sampling(record: Record) -> list[Finding]:
@@ -36,6 +49,8 @@ def sampling(record: Record) -> list[Finding]:
     gaps = np.flatnonzero(steps > 1.5 * period)
     if len(gaps):
         lost = int(np.rint(steps[gaps] / period - 1.0).sum())
+        moving = sum(_moves_about(record, int(gap)) for gap in gaps)
+        of_them = "it" if len(gaps) == 1 else f"{moving} of them"
         found.append(
             Finding(
                 code="rows-missing",
@@ -43,10 +58,11 @@ def sampling(record: Record) -> list[Finding]:
                 message=(
                     f"about {counted(lost, 'row')} missing in {counted(len(gaps), 'gap')} of the time, "
                     f"the first after {record.at(int(gaps[0]))}"
+                    f"{f'; the voltage changes about {of_them}, and its course in between is lost' if moving else ''}"
                 ),
                 repair="the voltage inside the gaps is unknown: use a part without gaps, or record again",
                 samples=ranges_of(gaps + 1),
-                values={"gaps": len(gaps), "rows": lost, "longest": float(steps.max())},
+                values={"gaps": len(gaps), "rows": lost, "longest": float(steps.max()), "moving": moving},
             )
         )
     regular = steps[steps <= 1.5 * period]
