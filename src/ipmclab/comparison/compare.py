@@ -357,7 +357,7 @@ class _Reader:
 
 
 def _is_one_run(one: RunMetadata, other: RunMetadata) -> bool:
-    """Whether two files that hold the same arrays hold one run: the recorder named it, or no sensor reads alike again."""
+    """Whether two files that hold the same arrays hold one run: the recorder names it; no sensor reads alike again."""
     if one.uuid is not None and other.uuid is not None:
         return one.uuid == other.uuid
     return one == other or one.origin == other.origin == "measured"

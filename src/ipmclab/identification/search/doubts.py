@@ -113,12 +113,11 @@ def motion_of_another_coupling(
     ]
 
 
-def largest_current(problem: Problem, theta: FloatArray, record: PreparedRun) -> tuple[float, float]:
+def largest_current(record: PreparedRun, added: FloatArray) -> tuple[float, float]:
     """The largest current of the strip: as read, less what its sensor adds, and what is beyond noise [A]; 0 without."""
     reading = record.readings.get("current")
     if reading is None or not len(reading.measured):
         return 0.0, 0.0
-    added = np.broadcast_to(problem.of_sensor(theta, record.place, "current"), len(reading.values))
     largest = float(np.abs(reading.measured - added[reading.exact]).max())
     return largest, max(largest - _SURELY * reading.noise, 0.0)
 
@@ -128,16 +127,18 @@ def largest_swing(voltage: FloatArray) -> float:
     return max(float(voltage.max()), 0.0) - min(float(voltage.min()), 0.0)
 
 
-def contradicted_currents(problem: Problem, solution: Solution, record: PreparedRun) -> list[Finding]:
+def contradicted_currents(
+    problem: Problem, solution: Solution, record: PreparedRun, added: FloatArray
+) -> list[Finding]:
     """A current that not even a short circuit behind the electrodes could draw; or twice what the circuit could."""
     values = problem.values(solution.theta, record.place)
     structure = Structure.of(values)
-    largest, read = largest_current(problem, solution.theta, record)
+    largest, read = largest_current(record, added)
     if not replace(structure, leak="").is_lumped or read == 0.0 or problem.noise[record.place, "current"] <= 0.0:
         return []
     parts = lumped(structure.branches, values, record.series_resistance)
     swing = largest_swing(record.run.voltage)
-    beyond = "beyond its sensor's zero " if problem.places[record.place].sensors["current"] else ""
+    beyond = "beyond its sensor's zero " if added.any() else ""
     reaches = f"{record.label}: {beyond}the current reaches {1e3 * largest:.4g} mA, "
     if parts.series and read > swing / parts.series and largest > 1.02 * swing / parts.series:
         most = swing / parts.series
