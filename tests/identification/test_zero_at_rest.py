@@ -105,6 +105,7 @@ def test_the_zero_of_the_sensor_is_no_current_of_the_strip(sheet_resistance: flo
     found = [one for one in fit.findings if one.code == "impossible-current"]
     assert bool(found) is is_contradicted
     assert all(one.values["current"] == pytest.approx(60e-3, rel=0.02) for one in found)
+    assert ("in series with the branches allow" in fit.summary()) is is_contradicted
     assert any(one.name == "circuit.high_frequency_resistance" for one in fit.known) is not is_contradicted
 
 

@@ -138,8 +138,8 @@ def contradicted_currents(
         return []
     parts = lumped(structure.branches, values, record.series_resistance)
     swing = largest_swing(record.run.voltage)
-    beyond = "beyond its sensor's zero " if added.any() else ""
-    reaches = f"{record.label}: {beyond}the current reaches {1e3 * largest:.4g} mA, "
+    less = " (the zero of its sensor taken off)" if added.any() else ""
+    reaches = f"{record.label}: the current reaches {1e3 * largest:.4g} mA{less}, "
     if parts.series and read > swing / parts.series and largest > 1.02 * swing / parts.series:
         most = swing / parts.series
         return [
