@@ -139,14 +139,14 @@ def contradicted_currents(
     parts = lumped(structure.branches, values, record.series_resistance)
     swing = largest_swing(record.run.voltage)
     less = " (the zero of its sensor taken off)" if added.any() else ""
-    reaches = f"{record.label}: the current reaches {1e3 * largest:.4g} mA{less}, "
+    reaches = f"{record.label}: the current reaches {1e3 * largest:.4g} mA{less}"
     if parts.series and read > swing / parts.series and largest > 1.02 * swing / parts.series:
         most = swing / parts.series
         return [
             Finding(
                 "impossible-current",
                 "error",
-                f"{reaches}but {parts.series:.4g} ohm in series with the branches allow {1e3 * most:.4g} mA at most",
+                f"{reaches} where {parts.series:.4g} ohm in series with the branches allow {1e3 * most:.4g} mA at most",
                 "the sheet or contact resistance is too high, or the clamp feeds part of the strip directly: measure "
                 "it, free circuit.sheet_resistance, or add the stage clamp or line.segments to the actuator",
                 channel="current",
@@ -160,7 +160,7 @@ def contradicted_currents(
         Finding(
             "inrush-missed",
             "warning",
-            f"{reaches}and the fitted circuit draws {1e3 * most:.4g} mA at most: it misses the largest readings, "
+            f"{reaches}, and the fitted circuit draws {1e3 * most:.4g} mA at most: it misses the largest readings, "
             "mostly the first after an edge",
             "fit the circuit to the current alone (--free electrical), then the rest with the circuit fixed; or give "
             "the circuit another branch",
