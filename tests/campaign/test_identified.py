@@ -121,7 +121,7 @@ def test_the_command_that_shows_the_other_findings_runs(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     found = re.search(r"ipmclab (report .*), in the folder of this report", part.more)
     assert run(found.group(1).split()) == 0
-    assert (tmp_path / "strip-1.html").is_file()
+    assert (tmp_path / "models" / "strip-1.html").is_file()  # in tmp_path lie report.html and comparison.html
 
 
 def test_another_fit_in_its_place_is_left_as_it_is(tmp_path):

@@ -2,6 +2,7 @@
 
 import csv
 import re
+import shlex
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -190,16 +191,17 @@ def test_a_peak_that_did_not_come_is_above_what_the_voltage_was_held(made):
 
 def test_a_kept_run_that_was_lost_comes_back_by_what_the_message_says(made, tmp_path):
     file, out = made
-    copy = tmp_path / "copy"
+    copy = tmp_path / "a copy"
     shutil.copytree(out, copy)
     lost = copy / next(one["path"] for one in read_events(copy) if one["event"] == "recorded")
     whole = read_run(lost).content_sha256
     lost.unlink()
     with pytest.raises(InputError, match="was recorded and kept, and now: no such file") as told:
         results_of(file, copy)
-    journal, _, place = re.search(r"move (\S+) into (recording), both in (\S+), then", told.value.repair).groups()
+    words = r"move (\S+) into recording, both in (.+), then: ipmclab (.+)"
+    journal, place, command = re.search(words, told.value.repair).groups()
     (Path(place) / journal).replace(copy / "recording" / Path(journal).name)
-    assert run(["recover", place]) == 0
+    assert run(shlex.split(command)) == 0
     assert read_run(lost).content_sha256 == whole
     assert len(results_of(file, copy)[1]) == 4
 

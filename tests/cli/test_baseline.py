@@ -126,7 +126,7 @@ def test_what_is_no_baseline_is_refused(command, tmp_path) -> None:
     for run, words in (
         (at_rest(tip, 1.0), "the strip was driven"),
         (at_rest(tip[:200]), "shorter than one test"),
-        (at_rest(np.full(len(tip), 1e-3)), "every reading of its displacement is the same"),
+        (at_rest(np.full(len(tip), 1e-3)), "every reading of its displacement that counts is the same"),
         (at_rest(np.where(np.arange(len(tip)) % 30, np.nan, tip)), "less than 40 readings"),
         (Run.from_arrays(time=[0.0, 50.0], voltage=[0.0, 0.0], current=[0.0, 0.0]), "no displacement"),
     ):

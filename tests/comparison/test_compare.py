@@ -55,6 +55,11 @@ def test_a_run_counts_once_whatever_files_hold_it(tmp_path: Path, sines: list[Ru
         about = replace(sines[0].metadata, origin="measured", source_file=source)
         write_run(replace(sines[0], metadata=about), path, overwrite=True)
     assert [row.run for row in compare([first, copy]).rows] == ["first.nc"]
+    # Two that the recorder named are two: a coarse sensor at rest reads one number all the time.
+    for path, name in ((first, "a"), (copy, "b")):
+        about = replace(sines[0].metadata, origin="measured", uuid=name)
+        write_run(replace(sines[0], metadata=about), path, overwrite=True)
+    assert [row.run for row in compare([first, copy]).rows] == ["first.nc", "copy.nc"]
 
 
 def test_runs_of_one_name_keep_apart(sines: list[Run]) -> None:

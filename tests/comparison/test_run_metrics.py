@@ -46,6 +46,20 @@ def test_a_charge_is_what_went_in_before_the_rest_with_which_a_recording_ends() 
     assert metric(run, "charge").value == pytest.approx(0.5 * full, rel=1e-3)
 
 
+@pytest.mark.parametrize("shape", ["ramp", "half a sine"])
+def test_what_went_in_ends_with_any_voltage_not_only_with_a_constant_one(shape: str) -> None:
+    """10 mA at 1 V for 20 s, with a mean of 1/2 or 2 / pi; what flows at 0 V is no part of it."""
+    drive = TIME / 20.0 if shape == "ramp" else np.sin(math.pi * TIME / 20.0)
+    is_driven = TIME < 20.0
+    run = Run.from_arrays(
+        time=TIME,
+        voltage=np.where(is_driven, drive, 0.0),
+        current=np.where(is_driven, 0.01 * drive, -0.01 * np.exp(-(TIME - 20.0) / 5.0)),
+    )
+    mean = 0.5 if shape == "ramp" else 2.0 / math.pi
+    assert metric(run, "charge").value == pytest.approx(0.01 * 20.0 * mean, rel=2e-3)
+
+
 def test_mean_power_and_charge_of_half_a_period_of_a_sine() -> None:
     """1 V and 20 mA, 60 degrees apart: V I cos(60 deg) / 2, and I T / pi."""
     angle = math.tau * 0.1 * TIME

@@ -105,4 +105,17 @@ def test_the_zero_of_the_sensor_is_no_current_of_the_strip(sheet_resistance: flo
     found = [one for one in fit.findings if one.code == "impossible-current"]
     assert bool(found) is is_contradicted
     assert all(one.values["current"] == pytest.approx(60e-3, rel=0.02) for one in found)
+    assert ("in series with the branches allow" in fit.summary()) is is_contradicted
     assert any(one.name == "circuit.high_frequency_resistance" for one in fit.known) is not is_contradicted
+
+
+@pytest.mark.parametrize(("seed", "fading", "size"), [(3, 0.95, 3e-5), (1, 0.97, 1e-4)])
+def test_nor_is_a_zero_that_the_noise_has_beside_the_parameters(seed: int, fading: float, size: float) -> None:
+    """Under noise that is not white the zero may be a constant of the noise and no unknown of the fit."""
+    draw, noise = white(size, seed), np.zeros(len(CLEAN))
+    for row in range(1, len(noise)):
+        noise[row] = fading * noise[row - 1] + draw[row]
+    fit = identify(STRIP, record(5e-3 + noise), free="electrical")
+    assert fit.observations[0].offset["current"] == pytest.approx(5e-3, rel=0.1)
+    assert any(model.terms.offset for model in fit.observations[0].noise_model.values())
+    assert "impossible-current" not in [one.code for one in fit.findings]

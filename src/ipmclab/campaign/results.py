@@ -16,6 +16,7 @@ from scipy.special import stdtrit
 from ipmclab.campaign.blocks import BASELINE, Block, CampaignRun
 from ipmclab.destination import replacing
 from ipmclab.errors import InputError
+from ipmclab.platform import as_typed
 from ipmclab.quality.check import check
 from ipmclab.quality.metrics import Metric, measure
 from ipmclab.run import Run
@@ -149,7 +150,7 @@ def read_results(
                 code=error.code,
                 where=error.where,
                 repair="put the file back from a copy; or, as long as its journal is kept, move journal-archive/"
-                f"{event['uuid']}.runj into recording, both in {folder}, then: ipmclab recover {folder}",
+                f"{event['uuid']}.runj into recording, both in {folder}, then: ipmclab recover {as_typed(folder)}",
             ) from error
         codes = tuple(dict.fromkeys(one["code"] for one in event["findings"] if one["severity"] != "info"))
         findings = check(record)

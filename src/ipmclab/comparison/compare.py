@@ -307,8 +307,7 @@ class _Reader:
         """Whether another file held the same run: counted twice, it would make the scatter of repeats too small."""
         same = self._files.setdefault(run.content_sha256, [])
         for name, about in same:
-            # Readings of a sensor are never alike to the last digit, whatever else is said of them.
-            if about == run.metadata or run.metadata.origin == about.origin == "measured":
+            if _is_one_run(about, run.metadata):
                 self.unread.append(Unread(run.name, f"{name} holds the same run, and each run counts once"))
                 return True
         same.append((run.name, run.metadata))
@@ -355,6 +354,13 @@ class _Reader:
             return None
         run = self._run(one, name)
         return None if run is None else self._row(run)
+
+
+def _is_one_run(one: RunMetadata, other: RunMetadata) -> bool:
+    """Whether two files that hold the same arrays hold one run: the recorder names it; no sensor reads alike again."""
+    if one.uuid is not None and other.uuid is not None:
+        return one.uuid == other.uuid
+    return one == other or one.origin == other.origin == "measured"
 
 
 def _notes_a_baseline(one: Run | str | os.PathLike[str]) -> bool:

@@ -105,8 +105,7 @@ def _electrical(run: Run, metrics: tuple[Metric, ...]) -> Iterator[Metric]:
         return
     time, current, voltage = run.time[there], run.current[there], run.voltage[there]
     by = "by the trapezoidal rule, readings as they stand"
-    held = Record.of(run).held_last
-    driven = np.flatnonzero(there) < held[1] if held is not None else slice(None)
+    driven = np.flatnonzero(there) < Record.of(run).driven_until
     yield _exact(
         "charge",
         _integral(time[driven], current[driven]),

@@ -224,7 +224,9 @@ def _points(
     far: Sequence[FloatArray],
 ) -> list[Point]:
     """The fit, and the one in which the stages that do not show may still be there."""
-    points = [Point(result.problem, result.solution.theta, found, stated, rivals, far)]
+    read = [record.place for record in result.problem.records if "current" in record.readings]
+    of_sensor = {place: result.correlated.of_sensor((place, "current")) for place in read}
+    points = [Point(result.problem, result.solution.theta, found, stated, rivals, far, of_sensor)]
     if result.with_unseen is not None:
         problem, solution = result.with_unseen.problem, result.with_unseen.solution
         points.append(Point(problem, solution.theta, uncertainty(result.with_unseen, stated, exact), stated))

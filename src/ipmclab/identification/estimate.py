@@ -95,7 +95,9 @@ def estimate(actuator: Actuator, names: FreeParameters, records: Sequence[Prepar
     problem, solution = under.problem, under.solution
     offsets = [unknown for unknown in problem.unknowns if unknown.base.startswith("observation.offset.")]
     findings += [zero_kept(problem, unknown) for unknown in offsets if is_assumed_zero(unknown, names)]
-    findings += [found for record in problem.records for found in contradicted_currents(problem, solution, record)]
+    for record in problem.records:
+        if "current" in record.readings:
+            findings += contradicted_currents(problem, solution, record, under.of_sensor((record.place, "current")))
     findings += unshown_zeros(problem, solution)
     if under.shapes:
         # Under their noise the readings distinguish fewer minima: all of them are asked again.

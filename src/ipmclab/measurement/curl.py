@@ -118,7 +118,8 @@ def curl(run: Run, displacement: float, *, test: float = TEST, share: float = SH
         raise _too_few()
     if np.ptp(readings) == 0.0:
         raise InputError(
-            "every reading of its displacement is the same: nothing shows that the tip was seen, or how finely",
+            "every reading of its displacement that counts is the same: "
+            "nothing shows that the tip was seen, or how finely",
             code="no-resolution",
             where=run.name or "run",
             repair="see that the reading follows the tip when it is touched, and record more decimals",

@@ -251,15 +251,31 @@ class Record:
         A rest at 0 V at the end of the record is not it: the stretch before is. Nor is a single row, which lies within
         a jump over several.
         """
-        if not len(self.edges):
-            return None
-        voltage = self.run.voltage
-        level = abs(float(np.median(voltage[self.edges[-1] :])))
-        at_rest = self.constant_after[-1] and level <= max(NO_VOLTAGE, 0.01 * float(np.abs(voltage).max()))
-        held = np.flatnonzero((self.ends - self.edges)[: -1 if at_rest else None] > 1)
+        held = np.flatnonzero((self.ends - self.edges)[: -1 if self._rests_from_last_edge else None] > 1)
         if not len(held) or not self.constant_after[held[-1]]:
             return None
         return int(self.edges[held[-1]]), int(self.ends[held[-1]])
+
+    @cached_property
+    def driven_until(self) -> int:
+        """The row with which a rest at 0 V begins that ends the record; without one, how many rows there are."""
+        if self._rests_from_last_edge:
+            return int(self.edges[-1])
+        driven = np.flatnonzero(np.abs(self.run.voltage) > self._rest)
+        return int(driven[-1]) + 1 if len(driven) else len(self)
+
+    @property
+    def _rest(self) -> float:
+        """Up to which voltage [V] the strip is at rest."""
+        return max(NO_VOLTAGE, 0.01 * float(np.abs(self.run.voltage).max()))
+
+    @cached_property
+    def _rests_from_last_edge(self) -> bool:
+        """Whether the voltage stays at 0 V after its last edge, be it read with more noise than ``_rest`` allows."""
+        if not len(self.edges):
+            return False
+        level = abs(float(np.median(self.run.voltage[self.edges[-1] :])))
+        return bool(self.constant_after[-1]) and level <= self._rest
 
     def at(self, row: int) -> str:
         """A row with its time, for messages."""

@@ -143,5 +143,6 @@ def _fresh(findings: Sequence[Finding], before: Sequence[Finding]) -> list[Findi
 
 def _more(count: int, choice: Choice, file: str) -> str:
     what = f"{count} more finding{'s' * (count > 1)}"
-    command = f"ipmclab report {MODELS}/{file} --runs {choice.source.path} --out {Path(file).stem}.html"
+    # Beside the model: in the folder of the report a sample called report would take its place.
+    command = f"ipmclab report {MODELS}/{file} --runs {choice.source.path} --out {MODELS}/{Path(file).stem}.html"
     return f"{what}: {command}, in the folder of this report, shows {'them' if count > 1 else 'it'}"

@@ -87,7 +87,9 @@ def test_a_resistance_that_the_peak_contradicts_is_not_known(slower: float, is_m
     assert bool(found) == is_missed
     if is_missed:
         assert run.current is not None
-        assert found[0].values["current"] == pytest.approx(float(np.abs(run.current).max()))
+        sensor = fit.observations[0]  # what the model lacks passes for a zero in part, and is said to be one
+        added = sensor.offset.get("current", 0.0) + sensor.drift.get("current", 0.0) * run.time
+        assert found[0].values["current"] == pytest.approx(float(np.abs(run.current - added).max()))
         # What the circuit draws at once, as its own simulation has it.
         drawn = simulate(fit.actuator, "step 1 V", duration=0.1, rate=20.0, hold="zero").current
         assert drawn is not None

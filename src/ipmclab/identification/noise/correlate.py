@@ -122,6 +122,15 @@ class Correlated:
         """What it adds in a second [SI/s]."""
         return {key: drift for key, (_, drift) in self._constants.items() if drift}
 
+    def of_sensor(self, key: Key) -> FloatArray:
+        """What its zero and its slope add to each row of an output of a run [SI], unknowns of the fit or beside it."""
+        place, output = key
+        offset, drift = self._constants.get(key, (0.0, 0.0))
+        time = self.problem.record_at(place).run.time
+        return np.asarray(
+            self.problem.of_sensor(self.solution.theta, place, output) + offset + drift * (time - time[0])
+        )
+
     @property
     def deviation(self) -> dict[Key, float]:
         """Of the residuals, zero and slope taken out [SI]; never nothing, for others divide by it."""

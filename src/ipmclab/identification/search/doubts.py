@@ -113,12 +113,11 @@ def motion_of_another_coupling(
     ]
 
 
-def largest_current(problem: Problem, theta: FloatArray, record: PreparedRun) -> tuple[float, float]:
+def largest_current(record: PreparedRun, added: FloatArray) -> tuple[float, float]:
     """The largest current of the strip: as read, less what its sensor adds, and what is beyond noise [A]; 0 without."""
     reading = record.readings.get("current")
     if reading is None or not len(reading.measured):
         return 0.0, 0.0
-    added = np.broadcast_to(problem.of_sensor(theta, record.place, "current"), len(reading.values))
     largest = float(np.abs(reading.measured - added[reading.exact]).max())
     return largest, max(largest - _SURELY * reading.noise, 0.0)
 
@@ -128,24 +127,26 @@ def largest_swing(voltage: FloatArray) -> float:
     return max(float(voltage.max()), 0.0) - min(float(voltage.min()), 0.0)
 
 
-def contradicted_currents(problem: Problem, solution: Solution, record: PreparedRun) -> list[Finding]:
+def contradicted_currents(
+    problem: Problem, solution: Solution, record: PreparedRun, added: FloatArray
+) -> list[Finding]:
     """A current that not even a short circuit behind the electrodes could draw; or twice what the circuit could."""
     values = problem.values(solution.theta, record.place)
     structure = Structure.of(values)
-    largest, read = largest_current(problem, solution.theta, record)
+    largest, read = largest_current(record, added)
     if not replace(structure, leak="").is_lumped or read == 0.0 or problem.noise[record.place, "current"] <= 0.0:
         return []
     parts = lumped(structure.branches, values, record.series_resistance)
     swing = largest_swing(record.run.voltage)
-    beyond = "beyond its sensor's zero " if problem.places[record.place].sensors["current"] else ""
-    reaches = f"{record.label}: {beyond}the current reaches {1e3 * largest:.4g} mA, "
+    less = " (the zero of its sensor taken off)" if added.any() else ""
+    reaches = f"{record.label}: the current reaches {1e3 * largest:.4g} mA{less}"
     if parts.series and read > swing / parts.series and largest > 1.02 * swing / parts.series:
         most = swing / parts.series
         return [
             Finding(
                 "impossible-current",
                 "error",
-                f"{reaches}but {parts.series:.4g} ohm in series with the branches allow {1e3 * most:.4g} mA at most",
+                f"{reaches} where {parts.series:.4g} ohm in series with the branches allow {1e3 * most:.4g} mA at most",
                 "the sheet or contact resistance is too high, or the clamp feeds part of the strip directly: measure "
                 "it, free circuit.sheet_resistance, or add the stage clamp or line.segments to the actuator",
                 channel="current",
@@ -159,7 +160,7 @@ def contradicted_currents(problem: Problem, solution: Solution, record: Prepared
         Finding(
             "inrush-missed",
             "warning",
-            f"{reaches}and the fitted circuit draws {1e3 * most:.4g} mA at most: it misses the largest readings, "
+            f"{reaches}, and the fitted circuit draws {1e3 * most:.4g} mA at most: it misses the largest readings, "
             "mostly the first after an edge",
             "fit the circuit to the current alone (--free electrical), then the rest with the circuit fixed; or give "
             "the circuit another branch",

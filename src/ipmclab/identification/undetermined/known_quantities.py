@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -51,6 +51,8 @@ class Point:
         Other fits as good.
     ends : sequence of float array, shape (n,)
         Where the profiles of parameters of the circuit end that are not determined: so far no gradient leads.
+    of_sensor : mapping of place to float array, shape (n_time,) [A]
+        What the sensor of the current adds to its readings in each run that has them.
     """
 
     problem: Problem
@@ -59,6 +61,7 @@ class Point:
     stated: Mapping[str, Mapping[str, float]]
     rivals: Sequence[Rival] = ()
     ends: Sequence[FloatArray] = ()
+    of_sensor: Mapping[int, FloatArray] = field(default_factory=dict)
 
 
 def known_quantities(actuator: Actuator, points: Sequence[Point]) -> tuple[Known, ...]:
@@ -122,10 +125,10 @@ def _driven_for(run: Run) -> float:
 
 def _peak_contradicts(point: Point, records: Sequence[PreparedRun], resistance: float) -> bool:
     """Whether the strip drew more current than a circuit whose high-frequency resistance is so high [ohm]."""
-    currents = [largest_current(point.problem, point.theta, record)[1] for record in records]
     return any(
-        current > largest_swing(record.run.voltage) / resistance
-        for current, record in zip(currents, records, strict=True)
+        largest_current(record, point.of_sensor[record.place])[1] > largest_swing(record.run.voltage) / resistance
+        for record in records
+        if record.place in point.of_sensor
     )
 
 
