@@ -9,12 +9,13 @@ import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
 from ipmclab.fit.observation import Start
+from ipmclab.identification.problem.edge_delay import EdgeDelay
 from ipmclab.identification.problem.shown_at_rest import BEFORE_STEP, AtRest
 from ipmclab.model.numerics.drive import Drive, shifted
 from ipmclab.model.numerics.timeline import timeline
@@ -48,40 +49,6 @@ UNASKED_REST: Final = "assumed rest"  # of a record that begins at 0 V, where no
 
 LEAST_NOISE: Final = 1e-30
 """Of a channel that reads zero throughout [SI]: readings are weighed by its inverse, whose square must be a number."""
-
-
-class EdgeDelay(NamedTuple):
-    """By how much the edges lie after the rows of the voltage channel [s].
-
-    Parameters
-    ----------
-    value : float [s]
-        The middle of what the readings allow.
-    error : float [s]
-        Its standard deviation.
-    start : float [s]
-        Where a search begins: between the two rows between which the edges are likeliest to lie.
-    """
-
-    value: float
-    error: float
-    start: float
-
-    @classmethod
-    def of(cls, low: float, high: float, row: float, period: float) -> EdgeDelay:
-        """Anywhere between two delays, and first at those between a row and the one before it.
-
-        Parameters
-        ----------
-        low, high : float [rows]
-        row : float
-        period : float [s]
-        """
-        first, last = max(low, row - 1.0), min(high, row)
-        if not first < last:  # by itself the record spoke against that row
-            low, high = first, last = row - 1.0, row
-        error = max(high - low, 1.0) / math.sqrt(12.0)
-        return cls(0.5 * (low + high) * period, error * period, 0.5 * (first + last) * period)
 
 
 @dataclass(frozen=True, eq=False)

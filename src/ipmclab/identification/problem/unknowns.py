@@ -10,8 +10,9 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from ipmclab.identification.problem.edge_delay import EdgeDelay
 from ipmclab.identification.problem.free import FreeParameters, Prior
-from ipmclab.identification.problem.record import LONGEST_DELAY, EdgeDelay, PreparedRun, ending_of, places_of_mountings
+from ipmclab.identification.problem.record import LONGEST_DELAY, PreparedRun, ending_of, places_of_mountings
 from ipmclab.model.declared import declaration_of, largest_proportional
 from ipmclab.model.environment.age import Age
 from ipmclab.model.parameters import Parameter

@@ -22,7 +22,8 @@ _MISSING: Final = frozenset(
         *("", "nan", "inf", "+inf", "-inf", "infinity", "+infinity", "-infinity"),
         *("na", "n/a", "null", "none", "#n/a", "#num!", "#div/0!", "#value!"),
         # What meters write beyond their range.
-        *("ol", "+ol", "-ol", "o.l", "o.l.", "ovld", "ovrflw", "overflow", "overload", "overrange", "out of range"),
+        *("ol", "+ol", "-ol", "o.l", "o.l.", "ovld", "ovrflw", "over"),
+        *("overflow", "overload", "overrange", "out of range"),
     )
 )
 """Texts, in lower case, that stand for a reading that is not there."""

@@ -8,9 +8,10 @@ from typing import Final
 
 import numpy as np
 
+from ipmclab.identification.problem.edge_delay import EdgeDelay
 from ipmclab.identification.problem.free import FreeParameters
 from ipmclab.identification.problem.means import in_means
-from ipmclab.identification.problem.record import EdgeDelay, PreparedRun
+from ipmclab.identification.problem.record import PreparedRun
 from ipmclab.identification.problem.response import lumped
 from ipmclab.identification.search.starts.start_circuit import circuit_values, find_circuit
 from ipmclab.identification.search.starts.start_coupling import coupling_starts

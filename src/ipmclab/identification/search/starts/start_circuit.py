@@ -10,7 +10,8 @@ from typing import Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.identification.problem.record import LONGEST_DELAY, EdgeDelay, PreparedRun, drive
+from ipmclab.identification.problem.edge_delay import EdgeDelay
+from ipmclab.identification.problem.record import LONGEST_DELAY, PreparedRun, drive
 from ipmclab.identification.search.searched_run import SearchedRun, moves_of_rows
 from ipmclab.identification.search.varpro import PoleFit, search_poles
 from ipmclab.model import geometry
