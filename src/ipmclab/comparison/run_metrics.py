@@ -65,8 +65,8 @@ def metrics_of_run(run: Run, *, strip: Actuator | None = None, drift: Drift | No
         found = measure(still, check(run))
         metrics = tuple(_less_drift(one, drift, run, found) for one in found)
         gains = tuple(_less_drift(one, drift, run, found) for one in _gains(still, found))
-    told = (one for one in metrics if not _is_later(one))
-    return (*told, *_electrical(run, metrics), *gains, *_strain(metrics, strip))
+    reached = (one for one in metrics if not _is_later(one))
+    return (*reached, *_electrical(run, metrics), *gains, *_strain(metrics, strip))
 
 
 def _is_later(metric: Metric) -> bool:
