@@ -99,8 +99,9 @@ def _search(
             break
     tried = to_the_end(tried, noise)
     problem, solution = min(tried, key=lambda pair: pair[1].evaluation.cost)
-    solution, *others = between_other_rows(problem, solution)
-    tried = [(problem, solution), *tried, *((problem, other) for other in others)]
+    found = between_other_rows(problem, solution)
+    tried += [(problem, other) for other in found if other is not solution]
+    solution = found[0]
     stage("looking for other fits that are as good", 0.4, 0.5, 300)
     valley = along_valleys(actuator, names, problem, solution)
     lowest = _lowest_of(problem, solution, valley)
