@@ -6,19 +6,20 @@ from typing import Final
 
 import numpy as np
 
-from ipmclab.quality.record import Record, counted, ranges_of
+from ipmclab.quality.record import IntArray, Record, counted, ranges_of
 from ipmclab.run import Finding
 
 _MOVES: Final = 0.05  # of the largest voltage (convention)
 
 
-def _moves_about(record: Record, row: int) -> bool:
-    """Whether the voltage changes within the length of the gap behind a row, before and after it."""
+def _moving(record: Record, gaps: IntArray) -> int:
+    """Behind how many of these rows is a gap within whose length, before it and after, the voltage changes."""
     time, voltage = record.run.time, record.run.voltage
-    length = time[row + 1] - time[row]
-    begin, end = np.searchsorted(time, (time[row] - length, time[row + 1] + length))
-    about = voltage[begin : max(end, row + 2)]
-    return bool(np.ptp(about) > _MOVES * np.abs(voltage).max())
+    before, after = time[gaps], time[gaps + 1]
+    begins = np.searchsorted(time, before - (after - before))
+    ends = np.maximum(np.searchsorted(time, after + (after - before)), gaps + 2)
+    still = _MOVES * float(np.abs(voltage).max())
+    return sum(bool(np.ptp(voltage[begin:end]) > still) for begin, end in zip(begins, ends, strict=True))
 
 
 def sampling(record: Record) -> list[Finding]:
@@ -49,7 +50,7 @@ def sampling(record: Record) -> list[Finding]:
     gaps = np.flatnonzero(steps > 1.5 * period)
     if len(gaps):
         lost = int(np.rint(steps[gaps] / period - 1.0).sum())
-        moving = sum(_moves_about(record, int(gap)) for gap in gaps)
+        moving = _moving(record, gaps)
         of_them = "it" if len(gaps) == 1 else f"{moving} of them"
         found.append(
             Finding(
