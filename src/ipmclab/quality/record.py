@@ -10,7 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.quality.kept import kept
-from ipmclab.quality.noise import noise_of_readings, quantum_of, runs_of_true, stale_fraction
+from ipmclab.quality.noise import noise_of_readings, quantum_of, stale_fraction
+from ipmclab.quality.sentinel import beside_missing, may_hold_sentinel, raw_sentinels
 from ipmclab.run import QUALITY_FLAGS, FloatArray, Run
 from ipmclab.units import CHANNELS, significant
 
@@ -26,8 +27,6 @@ GUARD_ROWS: Final = 3
 
 NO_VOLTAGE: Final = 0.01
 """A voltage [V] that never leaves this band is no excitation (convention)."""
-
-_SENTINEL_REPEATS: Final = 3  # equal extreme readings, of which fewer are no stated sentinel (convention)
 
 _INRUSH: Final = 10.0
 """Standard deviations of the noise by which an inrush stands out (convention)."""
@@ -342,13 +341,14 @@ def _channel(run: Run, name: str, readings: FloatArray, edges: IntArray) -> Chan
     flags = run.quality.get(name)
     if flags is not None and flags.any():
         finite &= (flags & (QUALITY_FLAGS["missing"] | QUALITY_FLAGS["sentinel"])) == 0
-    elif finite.all() and not _may_hold_sentinel(name, readings, edges):
+    elif finite.all() and not may_hold_sentinel(name, readings, edges):
         return Channel(name, readings, edges=edges)
     missing = ~finite
     if name == "displacement":
-        missing |= _raw_sentinels(readings, finite, edges)
+        missing |= raw_sentinels(readings, finite, edges)
     sentinels = int(np.count_nonzero(missing))
-    beyond = _beyond(readings, missing) if sentinels and not missing.all() else np.zeros(0, dtype=np.intp)
+    looked_at = sentinels and not missing.all()
+    beyond = beside_missing(readings, missing, GUARD_ROWS) if looked_at else np.zeros(0, dtype=np.intp)
     missing[beyond] = True
     if not missing.any():
         return Channel(name, readings, edges=edges)
@@ -360,56 +360,3 @@ def _channel(run: Run, name: str, readings: FloatArray, edges: IntArray) -> Chan
         beyond=tuple(float(value) for value in readings[beyond]),
         edges=edges,
     )
-
-
-def _may_hold_sentinel(name: str, readings: FloatArray, edges: IntArray) -> bool:
-    """A cheap first look: an extreme reading that comes back to the digit."""
-    if name != "displacement":
-        return False
-    if max(np.count_nonzero(readings == one) for one in (readings.min(), readings.max())) < _SENTINEL_REPEATS:
-        return False
-    return bool(_raw_sentinels(readings, np.ones(len(readings), dtype=bool), edges).any())
-
-
-def _raw_sentinels(readings: FloatArray, finite: BoolArray, edges: IntArray) -> BoolArray:
-    """Rows at one exact value that is further from all others than these are from each other.
-
-    A laser that sees no target gives such a value. It comes and goes at times of its own, not
-    at the edges of the voltage.
-    """
-    found = np.zeros(len(readings), dtype=bool)
-    rows = np.flatnonzero(finite)  # a row without a reading neither begins nor ends a stretch
-    values = readings[rows]
-    for extreme in (values.min(), values.max()) if len(rows) else ():
-        held = values == extreme
-        others = values[~held]
-        if np.count_nonzero(held) < _SENTINEL_REPEATS or len(others) < _SENTINEL_REPEATS:
-            continue
-        low, high = np.percentile(others, (1.0, 99.0))
-        distance = low - extreme if extreme < low else extreme - high
-        if distance <= 2.0 * max(high - low, np.finfo(float).tiny):
-            continue
-        starts, stops = runs_of_true(held)
-        if not starts.any() and abs(extreme) <= np.abs(others).max():
-            continue  # from row 0 on, and nearer to zero than the others: the strip at rest
-        changes = np.concatenate((starts[starts > 0], stops[stops < len(rows)]))
-        if len(edges) and all(np.any((edges >= rows[k - 1]) & (edges <= rows[k] + 1)) for k in changes):
-            continue
-        found[rows[held]] = True
-    return found
-
-
-def _beyond(readings: FloatArray, missing: BoolArray) -> IntArray:
-    """Readings next to missing ones that lie further out than the whole range of the others."""
-    others = readings[~missing]
-    low, high = np.percentile(others, (1.0, 99.0))
-    reach = high - low
-    with np.errstate(invalid="ignore"):
-        far = ~missing & ((readings < low - reach) | (readings > high + reach))
-    near_missing = missing.copy()
-    for _ in range(GUARD_ROWS):
-        grown = near_missing.copy()
-        grown[1:] |= near_missing[:-1]
-        grown[:-1] |= near_missing[1:]
-        near_missing = missing | (grown & far)
-    return np.flatnonzero(near_missing & ~missing)
