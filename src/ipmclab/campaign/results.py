@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-import numpy.typing as npt
 from scipy.special import stdtrit
 
 from ipmclab.campaign.blocks import BASELINE, Block, CampaignRun
@@ -19,13 +18,11 @@ from ipmclab.errors import InputError
 from ipmclab.platform import as_typed
 from ipmclab.quality.check import check
 from ipmclab.quality.metrics import Metric, measure
-from ipmclab.run import Run
+from ipmclab.run import FloatArray, Run
 from ipmclab.store.run_file import read_run
 
 if TYPE_CHECKING:
     from ipmclab.comparison.compare import Comparison
-
-FloatArray = npt.NDArray[np.float64]
 
 _OF_EITHER_SIDE: Final = ("largest", "strain")
 """Metrics with the sign of the side that is larger: of a periodic signal that may be either."""

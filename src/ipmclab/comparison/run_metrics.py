@@ -12,7 +12,7 @@ import numpy as np
 from ipmclab.comparison.baseline import Drift, without_drift
 from ipmclab.confidence import NORMAL_95
 from ipmclab.quality.check import check
-from ipmclab.quality.metrics import Metric, harmonics, measure
+from ipmclab.quality.metrics import Metric, harmonics, is_later, measure
 from ipmclab.quality.period import periodic_part
 from ipmclab.quality.record import Record
 from ipmclab.quality.usable import noise_only, unmasked
@@ -65,13 +65,8 @@ def metrics_of_run(run: Run, *, strip: Actuator | None = None, drift: Drift | No
         found = measure(still, check(run))
         metrics = tuple(_less_drift(one, drift, run, found) for one in found)
         gains = tuple(_less_drift(one, drift, run, found) for one in _gains(still, found))
-    reached = (one for one in metrics if not _is_later(one))
+    reached = (one for one in metrics if not is_later(one))
     return (*reached, *_electrical(run, metrics), *gains, *_strain(metrics, strip))
-
-
-def _is_later(metric: Metric) -> bool:
-    """Whether it is a time to a peak that did not come while the voltage was held: how long that was says nothing."""
-    return metric.name == "time_to_peak" and metric.interval is not None
 
 
 def _less_drift(metric: Metric, drift: Drift, run: Run, found: tuple[Metric, ...]) -> Metric:

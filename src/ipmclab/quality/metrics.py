@@ -177,6 +177,11 @@ def _largest(record: Record, response: _Response) -> Metric:
     )
 
 
+def is_later(metric: Metric) -> bool:
+    """Whether it is a time to a peak that did not come while the voltage was held: how long that was says nothing."""
+    return metric.name == "time_to_peak" and metric.interval is not None
+
+
 def _first_peak(record: Record, response: _Response) -> list[Metric]:
     channel, values, breaks = response.channel, response.values, response.breaks
     edge, end = int(record.edges[0]), int(record.ends[0])
@@ -192,6 +197,7 @@ def _first_peak(record: Record, response: _Response) -> list[Metric]:
     until = int(fallen[0]) if len(fallen) else None
     peak = highest(channel, record.run.time[start:end], towards, inside, until)
     value = direction * peak.value
+    until_peak = float(record.run.time[start + peak.row] - record.run.time[edge])
     metrics = [
         _metric(
             channel,
@@ -205,9 +211,9 @@ def _first_peak(record: Record, response: _Response) -> list[Metric]:
         Metric(
             "time_to_peak",
             channel.name,
-            (lasted := float(record.run.time[start + peak.row] - record.run.time[edge])),
+            until_peak,
             "s",
-            None if len(fallen) else (lasted, math.inf),
+            None if len(fallen) else (until_peak, math.inf),
             "Time from the row of the first edge of the voltage to the row of peak_at_first_edge. Where the response "
             "has not come back from it when the voltage changes, the interval is open: the peak may be later.",
         ),

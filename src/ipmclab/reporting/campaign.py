@@ -23,6 +23,7 @@ from ipmclab.campaign.results import Repeated, RunResult, by_repeat
 from ipmclab.comparison.compare import Comparison
 from ipmclab.errors import InputError
 from ipmclab.measurement.curl import curl
+from ipmclab.quality.metrics import is_later
 from ipmclab.reporting.comparison import comparison_figures
 from ipmclab.reporting.figures.campaign import MOST_COLUMNS, records_figure
 from ipmclab.reporting.page_file import render, write_page
@@ -292,8 +293,8 @@ def _cell(one: Repeated, column: str) -> str:
     channel, name, (mean, deviation, _) = found
     mean = abs(mean) if (channel, name) == ("current", "largest") else mean  # of a square: either polarity
     if name == "time_to_peak":
-        is_later = any(metric.interval is not None for metric in one.metrics(channel, name))
-        return f"{'above ' if is_later else ''}{plain(mean)}{NO_BREAK}s"
+        above = "above " if any(is_later(metric) for metric in one.metrics(channel, name)) else ""
+        return f"{above}{plain(mean)}{NO_BREAK}s"
     if name == "back_relaxation":
         return f"{plain(100.0 * mean, 2)}{NO_BREAK}%"
     quantity = CHANNELS[channel]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence, Set
+from collections.abc import Callable, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final
@@ -16,6 +16,7 @@ from ipmclab.identification.noise.pieces import Key, Piece, System, choose_noise
 from ipmclab.identification.noise.searched_outputs import FLOOR
 from ipmclab.identification.problem.evaluation import Evaluation
 from ipmclab.identification.problem.problem import Problem
+from ipmclab.identification.problem.record import Reading
 from ipmclab.identification.solved import Estimate
 from ipmclab.identification.uncertainty.covariance import is_coloured
 from ipmclab.run import FloatArray
@@ -98,10 +99,14 @@ class Left:
     @property
     def noise(self) -> float:
         """Weighted squares that the scatter of neighbouring readings accounts for."""
+        return self._squares_of(lambda reading: reading.noise)
+
+    def _squares_of(self, size: Callable[[Reading], float]) -> float:
+        """Weighted squares of one size [SI] in every reading of a run."""
         found = 0.0
         for piece in self.pieces:
-            record = self.problem.record_at(piece.key[0])
-            found += len(piece.time) * (record.readings[self.output].noise / self.problem.noise[piece.key]) ** 2
+            reading = self.problem.record_at(piece.key[0]).readings[self.output]
+            found += len(piece.time) * (size(reading) / self.problem.noise[piece.key]) ** 2
         return found
 
     def squares(self, problem: Problem, here: Evaluation) -> float:
@@ -119,11 +124,7 @@ class Left:
 
         Of what answers slowly it is autocorrelated and follows the voltage, whatever the model is.
         """
-        of_steps = 0.0
-        for piece in self.pieces:
-            step = self.problem.record_at(piece.key[0]).readings[self.output].quantum
-            of_steps += len(piece.time) * (step / self.problem.noise[piece.key]) ** 2 / 12.0
-        return self.squares(self.problem, self.here) < of_steps
+        return self.squares(self.problem, self.here) < self._squares_of(lambda reading: reading.quantum) / 12.0
 
     @property
     def is_doubted(self) -> bool:

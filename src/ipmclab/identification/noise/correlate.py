@@ -125,11 +125,14 @@ class Correlated:
     def of_sensor(self, key: Key) -> FloatArray:
         """What its zero and its slope add to each row of an output of a run [SI], unknowns of the fit or beside it."""
         place, output = key
+        unknowns = np.zeros(len(self.problem.record_at(place).run.time))
+        return self.problem.with_sensor(place, output, self.solution.theta, unknowns) + self._beside(key)
+
+    def _beside(self, key: Key) -> FloatArray:
+        """What a zero and a slope that stand beside the unknowns add to each row [SI]."""
         offset, drift = self._constants.get(key, (0.0, 0.0))
-        time = self.problem.record_at(place).run.time
-        return np.asarray(
-            self.problem.of_sensor(self.solution.theta, place, output) + offset + drift * (time - time[0])
-        )
+        time = self.problem.record_at(key[0]).run.time
+        return np.asarray(offset + drift * (time - time[0]))
 
     @property
     def deviation(self) -> dict[Key, float]:
@@ -146,11 +149,8 @@ class Correlated:
         residual = self.plain.residual[self.problem.pieces[key]]
         if key not in self._constants:
             return residual
-        offset, drift = self._constants[key]
-        record = self.problem.record_at(key[0])
-        since = (record.run.time - record.run.time[0])[record.readings[key[1]].used]
-        inside = self.pieces[key].inside
-        return np.asarray(residual + np.where(inside, (offset + drift * since) / self.problem.noise[key], 0.0))
+        added = self._beside(key)[self.problem.record_at(key[0]).readings[key[1]].used]
+        return np.asarray(residual + np.where(self.pieces[key].inside, added / self.problem.noise[key], 0.0))
 
     def left_at_rest(self, key: Key) -> FloatArray:
         """The same of the readings at 0 V alone, contacts that were touched aside."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import NamedTuple
 
 
@@ -38,3 +39,8 @@ class EdgeDelay(NamedTuple):
             low, high = first, last = row - 1.0, row
         error = max(high - low, 1.0) / math.sqrt(12.0)
         return cls(0.5 * (low + high) * period, error * period, 0.5 * (first + last) * period)
+
+
+def starts_of(delays: Mapping[int, EdgeDelay]) -> dict[int, float]:
+    """Where a search begins [s], by the place of each run."""
+    return {place: delay.start for place, delay in delays.items()}

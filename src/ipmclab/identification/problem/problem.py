@@ -241,10 +241,6 @@ class Problem:
             return record.known_delay or 0.0
         return sum(unknown.value(float(theta[column])) for column, unknown in self.places[record.place].delays)
 
-    def of_sensor(self, theta: FloatArray, place: int, output: str) -> FloatArray | float:
-        """What the zero and the slope of a sensor add to its readings in one run [SI]: 0 where neither is free."""
-        return sum((theta[column] * added for column, added in self.places[place].sensors[output]), start=0.0)
-
     def start(self, theta: FloatArray, place: int) -> FloatArray:
         """Starting amplitudes of one run; empty for rest."""
         return theta[self.places[place].starts]
@@ -311,10 +307,13 @@ class Problem:
 
     def away(self, record: PreparedRun, output: str, theta: FloatArray, values: FloatArray) -> FloatArray:
         """Model minus reading, the sensor's own part included [SI]; of many vectors with that axis first."""
-        away = values - record.readings[output].values
-        for column, added in self.places[record.place].sensors[output]:
-            away += theta[..., column, None] * added
-        return away
+        return self.with_sensor(record.place, output, theta, values - record.readings[output].values)
+
+    def with_sensor(self, place: int, output: str, theta: FloatArray, values: FloatArray) -> FloatArray:
+        """Values [SI] to which what the zero and the slope of a sensor add to its readings in one run is added."""
+        for column, added in self.places[place].sensors[output]:
+            values += theta[..., column, None] * added
+        return values
 
     def _quiet(self, record: PreparedRun, output: str, theta: FloatArray, values: FloatArray) -> Mask:
         """Readings that are bounds to which the model keeps: they say nothing."""

@@ -115,8 +115,8 @@ def motion_of_another_coupling(
 
 def largest_current(record: PreparedRun, added: FloatArray) -> tuple[float, float]:
     """The largest current of the strip: as read, less what its sensor adds, and what is beyond noise [A]; 0 without."""
-    reading = record.readings.get("current")
-    if reading is None or not len(reading.measured):
+    reading = record.readings["current"]
+    if not len(reading.measured):
         return 0.0, 0.0
     largest = float(np.abs(reading.measured - added[reading.exact]).max())
     return largest, max(largest - _SURELY * reading.noise, 0.0)

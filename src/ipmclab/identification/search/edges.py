@@ -7,7 +7,6 @@ from typing import Final
 import numpy as np
 
 from ipmclab.identification.problem.problem import Problem
-from ipmclab.identification.problem.record import LONGEST_DELAY
 from ipmclab.identification.search.descent import SHORTLY, minimum, to_the_end
 from ipmclab.identification.search.searched_run import moves_of_rows
 from ipmclab.identification.search.solve import Solution
@@ -34,7 +33,7 @@ def between_other_rows(problem: Problem, solution: Solution) -> list[Solution]:
         asked.add(tuple(rows))
         beside = []
         for moved in moves_of_rows(rows):
-            if tuple(moved) in asked or not np.all((moved > -LONGEST_DELAY) & (moved <= LONGEST_DELAY)):
+            if tuple(moved) in asked:
                 continue
             asked.add(tuple(moved))
             theta = best.theta.copy()

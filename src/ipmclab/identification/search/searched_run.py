@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from ipmclab.identification.problem.record import LONGEST_DELAY
 from ipmclab.model.numerics.drive import Drive
 
 FloatArray = npt.NDArray[np.float64]
@@ -50,6 +51,10 @@ def side_by_side(series: Sequence[SearchedRun]) -> Iterator[tuple[SearchedRun, s
 
 
 def moves_of_rows(rows: FloatArray) -> FloatArray:
-    """The edges of one of some records a row earlier or later, and those of all, shape (n_moves, n_records)."""
+    """The edges of one of some records a row earlier or later, and those of all, shape (n_moves, n_records).
+
+    No farther than they are searched.
+    """
     each, every = np.eye(len(rows)), np.ones((1, len(rows)))
-    return np.unique(rows + np.vstack([each, -each, every, -every]), axis=0)
+    moved = np.unique(rows + np.vstack([each, -each, every, -every]), axis=0)
+    return np.asarray(moved[np.all((moved > -LONGEST_DELAY) & (moved <= LONGEST_DELAY), axis=1)])

@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from ipmclab.identification.problem.edge_delay import EdgeDelay
+from ipmclab.identification.problem.edge_delay import EdgeDelay, starts_of
 from ipmclab.identification.problem.free import FreeParameters
 from ipmclab.identification.problem.means import in_means
 from ipmclab.identification.problem.record import PreparedRun
@@ -78,7 +78,7 @@ def starting_points(
     if share in free and circuit is None:
         bases = [{**base, share: part} for base in bases for part in _DIRECT_SHARES]
     known = {record.place: record.known_delay for record in records if record.known_delay is not None}
-    shifts = {**known, **{place: delay.start for place, delay in delays.items()}}
+    shifts = {**known, **starts_of(delays)}
     only_electrical = exact and _only_electrical(actuator, free, records)
     for base in bases:
         strip = actuator.replace(**_allowed(actuator, {**base, **without_further(actuator, free)}))
@@ -115,7 +115,7 @@ def _with_leak(
 ) -> list[dict[str, float]]:
     """Starting points of a circuit that leaks: a few for each series resistance that is tried."""
     strip = actuator.replace(**_allowed(actuator, base))
-    located = {place: delay.start for place, delay in delays.items()}
+    located = starts_of(delays)
     most = _LEAK_STARTS + free.isdisjoint(SERIES)
     starts = leak_starts(strip, free, [in_means(record) or record for record in records], located, most)
     return [{**base, **_freed(start, free)} for start in starts]

@@ -10,7 +10,7 @@ from typing import Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.identification.problem.edge_delay import EdgeDelay
+from ipmclab.identification.problem.edge_delay import EdgeDelay, starts_of
 from ipmclab.identification.problem.record import LONGEST_DELAY, PreparedRun, drive
 from ipmclab.identification.search.searched_run import SearchedRun, moves_of_rows
 from ipmclab.identification.search.varpro import PoleFit, search_poles
@@ -75,12 +75,8 @@ def find_circuit(
         if record.place in delays and record.shows_edges
     }
     if allowed:
-        delays |= _beside_each_other(records, allowed, _starts(delays), branches)
-    return _admittance(_search(records, _starts(delays), branches)), delays
-
-
-def _starts(delays: Mapping[int, EdgeDelay]) -> dict[int, float]:
-    return {place: delay.start for place, delay in delays.items()}
+        delays |= _beside_each_other(records, allowed, starts_of(delays), branches)
+    return _admittance(_search(records, starts_of(delays), branches)), delays
 
 
 def _beside_each_other(
@@ -106,8 +102,7 @@ def _beside_each_other(
     while lowest != best:
         best = lowest
         beside = (tuple(map(float, one)) for one in moves_of_rows(np.array(best)))
-        near = [one for one in beside if min(one) > -LONGEST_DELAY and max(one) <= LONGEST_DELAY]
-        lowest = min([best, *near], key=cost)
+        lowest = min([best, *beside], key=cost)
     return {
         place: EdgeDelay.of(allowed[place].low, allowed[place].high, row, periods[place])
         for place, row in zip(periods, lowest, strict=True)
