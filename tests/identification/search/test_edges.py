@@ -6,8 +6,6 @@ import numpy as np
 import pytest
 
 from ipmclab import Run, identify, load_actuator, simulate
-from ipmclab.identification import estimate
-from ipmclab.identification.search.lowest import find_minima
 from ipmclab.run import Hold
 
 SLOW = ("multisine 0.8 V 0.1 Hz 2 Hz delay=2 s", "triangle 0.8 V 0.328 Hz delay=2 s")
@@ -33,23 +31,3 @@ def test_slow_voltages_show_together_between_which_rows_their_edges_lie(hold: Ho
     for name, found in fit.parameters.items():
         if name in strip.parameter_values:
             assert found.interval[0] < strip[name] < found.interval[1]
-
-
-def test_where_the_edges_are_known_no_search_is_counted_or_followed_twice(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Each end of a search is another place: all are asked again under the noise."""
-    found = []
-
-    def kept(*arguments):  # type: ignore[no-untyped-def]
-        found.append(find_minima(*arguments))
-        return found[-1]
-
-    monkeypatch.setattr(estimate, "find_minima", kept)
-    strip = load_actuator("friend-2")
-    clean = simulate(strip, "step 1 V delay=2 s", duration=30.0, rate=25.0)
-    assert clean.displacement is not None
-    noise = 1e-6 * np.random.default_rng(0).standard_normal(len(clean))
-    read = Run.from_arrays(time=clean.time, voltage=clean.voltage, displacement=clean.displacement + noise, hold="zero")
-    identify(strip, read, free="coupling")
-    ends = [tuple(end.entries.values()) for _, _, minima in found for end in minima.ends]
-    assert len(ends) > 1
-    assert len(set(ends)) == len(ends)
