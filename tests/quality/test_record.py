@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
 from ipmclab.quality import check
-from ipmclab.quality.record import ranges_of, runs_of_true
+from ipmclab.quality.noise import runs_of_true
+from ipmclab.quality.record import ranges_of
 from ipmclab.run import Run
 
 
