@@ -13,6 +13,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Final
 
 import numpy as np
 
@@ -39,6 +40,8 @@ from ipmclab.statespace.noise_model import NoiseModel
 from ipmclab.statespace.shape import Shape, drawn, spread_by
 from ipmclab.statespace.terms import Terms
 from ipmclab.statespace.whitening import Whitening
+
+_WORSE: Final = 1.05  # times what is left with a term (rms): who looks at the curve sees no less
 
 
 @dataclass(frozen=True, eq=False)
@@ -291,7 +294,8 @@ def with_noise(problem: Problem, solution: Solution, yielding: Sequence[int], ag
     solution : Solution
     yielding : sequence of int
         Entries of zeros and slopes of sensors that were freed because white noise would not have made them: under
-        other noise they are asked anew, as constants of the noise.
+        other noise they are asked anew, as constants of the noise. Noise that is slow enough describes whatever they
+        explain: where least squares predicts worse without them, they stay unknowns.
     again : function of (Problem, Solution)
         Least squares once more, where sensors turn out to have zeros or slopes.
     """
@@ -322,20 +326,25 @@ def with_noise(problem: Problem, solution: Solution, yielding: Sequence[int], ag
     if all(shape.terms.is_white for shape in shapes.values()):
         return Correlated(problem, solution, plain, pieces=pieces, blind={**blind, **hidden})
     zeros = {piece.key: zero for piece in searched if (zero := _zero_of(fewer, piece, shapes[piece.key])) is not None}
-    if zeros:
-        least: Problem = DriftingProblem(fewer, zeros)
+    least: Problem = DriftingProblem(fewer, zeros) if zeros else fewer
+    plain = near.evaluation
+    if least is not problem:
         least, near = again(least, replace(near, evaluation=least.evaluate(near.theta)))
-        fewer = least.plain
-        plain = fewer.evaluate(near.theta)
-        shapes = refine_noise(System(fewer, plain, searched), shapes)
-    elif fewer is not problem:
-        least, near = again(fewer, near)
-        fewer, plain = least, near.evaluation
-        shapes = refine_noise(System(fewer, plain, searched), shapes)
-    else:
-        least, plain = fewer, near.evaluation
+        if predicts_less(least.weighed(near.theta, near.evaluation, problem.noise), solution.evaluation):
+            return with_noise(problem, solution, (), again)
+        plain = least.plain.evaluate(near.theta)
+        shapes = refine_noise(System(least.plain, plain, searched), shapes)
     pieces |= {piece.key: piece for piece in searched}
     return Correlated(least, near, plain, shapes, pieces, {**blind, **hidden})
+
+
+def predicts_less(without: Evaluation, here: Evaluation) -> bool:
+    """Whether a prediction without some term misses the readings by so much more that it shows.
+
+    Noise that is slow enough describes whatever a term explains, so that tests under it do not object.
+    """
+    left, with_term = without.of_readings, here.of_readings
+    return float(left @ left) > _WORSE**2 * float(with_term @ with_term)
 
 
 def _zero_of(problem: Problem, piece: Piece, shape: Shape) -> Zero | None:

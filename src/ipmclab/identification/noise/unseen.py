@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from ipmclab.confidence import REJECT
-from ipmclab.identification.noise.correlate import Correlated
+from ipmclab.identification.noise.correlate import Correlated, predicts_less
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.problem.unknowns import Unknown
 from ipmclab.identification.search.descent import minimum_near, start_with_fewer
@@ -17,7 +17,6 @@ from ipmclab.model.declared import has_shape
 from ipmclab.model.kinds import kind_of
 from ipmclab.model.stages.kind import StageKind
 
-_WORSE: Final = 1.05  # times what is left with the stage (rms): who looks at the curve sees no less
 _SURELY: Final = 0.1  # standard error over value of a size that leaves no question
 
 
@@ -134,11 +133,10 @@ def _switched_off(
 def _predicts_less(solution: Solution, there: Solution, count: int) -> bool:
     """Whether the prediction is worse without the stage, by more than white noise feigns.
 
-    Noise that is slow enough describes whatever a stage explains. How sure its parameters are beside that, their
-    intervals say.
+    How sure its parameters are beside noise that describes the same, their intervals say.
     """
-    worse = there.evaluation.cost > _WORSE**2 * solution.evaluation.cost
-    return worse and _lost_by_chance(solution, there, count, 1.0) < REJECT
+    less = predicts_less(there.evaluation, solution.evaluation)
+    return less and _lost_by_chance(solution, there, count, 1.0) < REJECT
 
 
 def _chance(under: Correlated, solution: Solution, there: Solution, count: int) -> float:
