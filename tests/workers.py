@@ -8,6 +8,7 @@ All else is given out a module at a time, so that each module makes its fixtures
 from __future__ import annotations
 
 import os
+import zlib
 from functools import partial
 from typing import Any
 
@@ -46,7 +47,10 @@ FITTING = tuple(
 """Tests of these rooms fit, or stand on the same products: some are repeated with another processor's kernels."""
 
 THINNED = 8
-"""One in so many of these tests: about a minute of the eight that all of them take on one core."""
+"""One in so many of these tests: about a minute of the eight that all of them take on one core.
+
+Its name alone says whether a test is one of them: another test that comes or goes changes nothing for it.
+"""
 
 
 class Sharing(LoadGroupScheduling):
@@ -80,8 +84,9 @@ def group_of(item: pytest.Item) -> str | None:
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Choose those that are repeated on another processor, and order all as they are to be given out."""
-    for item in [item for item in items if item.nodeid.startswith(FITTING)][::THINNED]:
-        item.add_marker(pytest.mark.other_processor)
+    for item in items:
+        if item.nodeid.startswith(FITTING) and zlib.crc32(item.nodeid.encode()) % THINNED == 0:
+            item.add_marker(pytest.mark.other_processor)
     items.sort(key=_place)
 
 
