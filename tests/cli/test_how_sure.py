@@ -28,10 +28,14 @@ def fitted(tmp_path: Path) -> Path:
 
 
 def test_profile_and_bootstrap_free_what_the_fit_had_freed(command, fitted: Path) -> None:
-    profiles = command("profile", "fitted.toml", "step.nc", "--json").document["profiles"]
+    profiled = command("profile", "fitted.toml", "step.nc", "--json").document
+    profiles = profiled["profiles"]
     drawn = command("bootstrap", "fitted.toml", "step.nc", "--count", "40", "--json").document
     assert drawn["count"] == 40
     fit = ipmclab.read_fit(fitted)
+    for document in (drawn, profiled):  # what an interval is worth, its fit says
+        assert "This fit can be used to predict the current" in document["fit"]["summary"]
+        assert [one["code"] for one in document["fit"]["findings"]] == [one.code for one in fit.findings]
     for name in ("circuit.dc_resistivity", "circuit.branches.0.permittivity"):
         error = fit.parameters[name].standard_error
         for low, high in (profiles[name]["interval"], drawn["parameters"][name]["interval"]):

@@ -243,6 +243,17 @@ def test_the_energy_until_the_peak_is_counted_from_row_0_to_its_row(peak: int) -
     assert metric(run, "energy_to_peak").value == pytest.approx(expected, rel=1e-12)
 
 
+def test_of_an_answer_that_still_grows_the_energy_is_that_of_the_hold_and_says_so() -> None:
+    rows = np.arange(2000)
+    since = np.maximum(rows - 249, 0)
+    voltage = np.where((rows >= 250) & (rows < 1250), 1.0, 0.0)
+    moved = 1e-3 * np.where(rows < 1250, since, 1000.0) / 1000.0
+    current = np.where(voltage > 0.0, 0.05 - 1e-5 * rows, 0.0)
+    found = metric(Run.from_arrays(time=TIME, voltage=voltage, displacement=moved, current=current), "energy_to_peak")
+    assert found.value == pytest.approx(float(np.trapezoid((voltage * current)[:1250], TIME[:1250])), rel=1e-12)
+    assert "to the end of the hold" in found.definition
+
+
 def test_a_strip_that_curls_ever_more_slowly() -> None:
     """As sample 1 in room air: 19 um/s at first, 7 um/s after 6 min. A run counts from its own place on that course."""
     time, noise = np.arange(0.0, 360.0, 0.1), np.random.default_rng(2)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ipmclab.cli.files import fit_or_actuator, read_runs
+from ipmclab.cli.identify import fit_document
 from ipmclab.cli.options import ActuatorName, Json, PerMounting, PerRun, Prior, RunFiles, Scheduler, Workers
 from ipmclab.cli.output import (
     print_json,
@@ -64,7 +65,7 @@ def profile(
             }
             for name, (ends, is_open) in rows.items()
         }
-        print_json({"actuator": actuator, "runs": runs, "profiles": document})
+        print_json({"actuator": actuator, "runs": runs, "fit": fit_document(fit), "profiles": document})
         return
     _print(fit, {name: ends for name, (ends, _) in rows.items()}, "profile's 95 %")
 
@@ -116,7 +117,8 @@ def bootstrap(
             }
             for name, ends in found.intervals.items()
         }
-        print_json({"actuator": actuator, "runs": runs, "count": count, "failed": found.failed, "parameters": document})
+        asked = {"actuator": actuator, "runs": runs, "count": count, "failed": found.failed}
+        print_json({**asked, "fit": fit_document(fit), "parameters": document})
         return
     _print(fit, found.intervals, "95 % of fits")
     print(f"{count} fits to drawn readings, {found.failed} of them failed")

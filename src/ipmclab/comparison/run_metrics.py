@@ -117,7 +117,8 @@ def _electrical(run: Run, metrics: tuple[Metric, ...]) -> Iterator[Metric]:
             "energy_to_peak",
             _integral(time[early], (voltage * current)[early]),
             "J",
-            f"The integral of voltage times current from row 0 to the first peak of the displacement, {by}.",
+            "The integral of voltage times current from row 0 to the first peak of the displacement, where it still "
+            f"grows to the end of the hold, {by}.",
         )
     periodic = periodic_part(run)
     if periodic is None:
@@ -142,7 +143,7 @@ def _electrical(run: Run, metrics: tuple[Metric, ...]) -> Iterator[Metric]:
 
 
 def _end_of_peak(run: Run, metrics: tuple[Metric, ...]) -> float | None:
-    """The time of the displacement's first peak [s]; None where it has none."""
+    """The time of the displacement's first peak [s], as far as the voltage was held; None where it has none."""
     for one in metrics:
         if (one.channel, one.name) == ("displacement", "time_to_peak"):
             peak = run.time[Record.of(run).edges[0]] + one.value
