@@ -208,6 +208,17 @@ def test_a_model_that_lacks_something_is_not_the_strip(good: Fit) -> None:
     assert answer_of(replace(good, findings=())).known_title == "known from these readings"
 
 
+def test_noise_that_nothing_describes_is_no_fault_of_the_model(good: Fit) -> None:
+    """Of a hum the verdict said that the model lacks something."""
+    hums = replace(good, findings=(finding("noise-not-described"),))
+    said = "; intervals may be too small, for no noise model describes what is left."
+    assert answer_of(hums).verdict.endswith(f"parameters are determined{said}")
+    assert answer_of(hums).known_title == "known from these readings"
+    both = replace(good, findings=(finding("noise-not-described"), finding("model-error")))
+    assert answer_of(both).verdict.endswith(f"they describe this model, not yet the strip{said}")
+    assert not answer_of(replace(left_open(hums), known=())).verdict.endswith(said)
+
+
 def test_an_impossible_current_silences_what_follows_from_it() -> None:
     told = [
         finding("model-error"),

@@ -46,13 +46,16 @@ _CONTRADICTS: Final = {
 _BEYOND: Final = ("above-electrolysis", "leak-extrapolated", "near-resonance", "large-bending", "resonance-aliased")
 """Where the voltage takes the model beyond what it holds for."""
 
+NOT_DESCRIBED: Final = "noise-not-described"
+"""Intervals may be too small."""
+
 _UNSURE: Final = (
     "at-bound",
     "undetermined",
     "law-undetermined",
     "age-inseparable",
     "drift-not-excluded",
-    "noise-not-described",
+    NOT_DESCRIBED,
     "noise-grows",
     "exact-fixed-value",
     "fixed-uncertainty",

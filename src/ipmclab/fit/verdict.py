@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, Final
 
-from ipmclab.fit.in_brief import IMPOSSIBLE, NOT_ALLOWED, consequences_silent, is_aside
+from ipmclab.fit.in_brief import IMPOSSIBLE, NOT_ALLOWED, NOT_DESCRIBED, consequences_silent, is_aside
 from ipmclab.fit.rows import KNOWN, size_in_words
 from ipmclab.units import CHANNELS, significant
 
@@ -22,8 +22,6 @@ _DOUBTS: Final = (
     "model-error",
     "model-incomplete",
     "stage-missing",
-    "noise-not-described",
-    "drift-not-excluded",
     *IMPOSSIBLE,
 )
 _ROUGH: Final = 15.0  # percent of the range, from which nobody calls a curve followed
@@ -132,6 +130,8 @@ def _of_parameters(fit: Fit) -> str:
         )
     elif unknown and fit.known:
         text += f", but the quantities under '{KNOWN}' are known"
+    if (count > unknown or fit.known) and any(finding.code == NOT_DESCRIBED for finding in fit.findings):
+        text += "; intervals may be too small, for no noise model describes what is left"
     return text
 
 

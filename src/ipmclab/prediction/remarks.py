@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from ipmclab.fit.fit import Fit
+from ipmclab.fit.in_brief import NOT_DESCRIBED
 from ipmclab.fit.rows import prior_in_words
 from ipmclab.identification.mountings.mountings import differ, dragged
 
@@ -20,7 +21,7 @@ _NOT_DESCRIBED: Final = "its interval may be too small: the noise is not describ
 def remarks(fit: Fit) -> dict[str, str]:
     """The remark with each parameter; empty where its number says all."""
     averaged = averages(fit)
-    described = not any(finding.code == "noise-not-described" for finding in fit.findings)
+    described = not any(finding.code == NOT_DESCRIBED for finding in fit.findings)
     found = {}
     for name, one in fit.parameters.items():
         found[name] = "at its bound" if one.at_bound else prior_in_words(one)
