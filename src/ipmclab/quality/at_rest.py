@@ -7,6 +7,7 @@ from typing import Final
 
 import numpy as np
 
+from ipmclab.quality.noise import variance_for_means
 from ipmclab.quality.record import NO_VOLTAGE, Channel, Record
 from ipmclab.run import Finding, FloatArray
 
@@ -15,12 +16,17 @@ _STANDARD_ERRORS: Final = 5.0  # standard errors: one in 1.7 million by chance (
 _SHARE: Final = 1e-3
 """A change of the current by less than this share of its range is none (convention)."""
 
+_DECAYS: Final = (2.0, 12.0)
+"""Rates [1/duration of the rows] of two decays: together they follow a discharge of a time constant between 0.08 and 3
+of these durations to a tenth of its height."""
+
 
 def not_at_rest(record: Record) -> list[Finding]:
     """``not-at-rest``: before the voltage first moves, the current falls towards zero, as that of a discharge does.
 
     A sensor's zero does not move; what moves at 0 V is the strip. The means of the first and the last fifth of the rows
-    must differ by five standard errors, two steps of the converter and a thousandth of the range.
+    must differ by five standard errors, two steps of the converter and a thousandth of the range. The errors are those
+    of noise that is autocorrelated, in what two decays leave of these rows.
     """
     current = record.channels.get("current")
     driven = np.flatnonzero(np.abs(record.run.voltage) > NO_VOLTAGE)
@@ -38,7 +44,7 @@ def _of_rows(record: Record, current: Channel, stop: int) -> list[Finding]:
     fifth = stop // 5
     first, last = current.readings[:fifth], current.readings[stop - fifth : stop]
     begins, ends = float(first.mean()), float(last.mean())
-    doubt = max(_STANDARD_ERRORS * math.hypot(_error(first), _error(last)), 2.0 * current.quantum)
+    doubt = max(_STANDARD_ERRORS * math.sqrt(2.0 * _variance(current.readings[:stop]) / fifth), 2.0 * current.quantum)
     doubt = max(doubt, _SHARE * current.span)
     if math.copysign(1.0, begins) * (begins - ends) <= doubt or abs(ends) >= abs(begins):
         return []
@@ -48,9 +54,12 @@ def _of_rows(record: Record, current: Channel, stop: int) -> list[Finding]:
     return [_finding(text, _wait(begins, ends, doubt, 0.8 * seconds), stop)]
 
 
-def _error(readings: FloatArray) -> float:
-    """The standard error of a mean, from neighbours: a decay does not count as noise."""
-    return math.sqrt(float(np.mean(np.diff(readings) ** 2)) / 2.0 / len(readings))
+def _variance(readings: FloatArray) -> float:
+    """Of the noise of readings, as large as it counts for means: a decay does not count as noise."""
+    passed = np.linspace(0.0, 1.0, len(readings))
+    decays = np.column_stack([np.ones(len(readings)), *(np.exp(-rate * passed) for rate in _DECAYS)])
+    left = readings - decays @ np.linalg.lstsq(decays, readings, rcond=None)[0]
+    return variance_for_means(left, decays.shape[1])
 
 
 def _wait(begins: float, ends: float, doubt: float, between: float) -> float:

@@ -6,8 +6,9 @@ import math
 from typing import Final
 
 from ipmclab.confidence import NORMAL_95
+from ipmclab.quality.noise import variance_for_means
 from ipmclab.quality.record import Channel, Record
-from ipmclab.run import Finding, FloatArray
+from ipmclab.run import Finding
 from ipmclab.units import CHANNELS
 
 _FEWEST: Final = 20  # rows at 0 V through which a line is drawn (convention)
@@ -33,7 +34,7 @@ def before_step(record: Record) -> list[Finding]:
             continue
         sum_of_squares = float(time.dot(time))
         mean, slope = float(readings.mean()), float(time.dot(readings)) / sum_of_squares
-        variance = _variance(readings - mean - slope * time)
+        variance = variance_for_means(readings - mean - slope * time, 2)
         slope_error, mean_error = math.sqrt(variance / sum_of_squares), math.sqrt(variance / stop)
         travelled = abs(slope) * float(time[-1] - time[0])
         visible = travelled > max(1.5 * channel.noise, 2.0 * channel.quantum)
@@ -42,15 +43,6 @@ def before_step(record: Record) -> list[Finding]:
         if channel.name == "current" and abs(mean) > max(_STANDARD_ERRORS * mean_error, 1e-3 * channel.span):
             found.append(_offset(channel, mean, mean_error, stop))
     return found
-
-
-def _variance(residuals: FloatArray) -> float:
-    """Variance of residuals, as large as it counts for their mean: neighbours that are alike have less information."""
-    power = float(residuals.dot(residuals))
-    if power == 0.0:
-        return 0.0
-    follow = min(max(float(residuals[1:].dot(residuals[:-1])) / power, 0.0), 0.99)
-    return power / (len(residuals) - 2) * (1.0 + follow) / (1.0 - follow)
 
 
 def _drift(record: Record, channel: Channel, slope: float, error: float, stop: int) -> Finding:

@@ -127,6 +127,22 @@ def stale_fraction(first: FloatArray, quantum: float) -> float:
     return max(0.0, float(repeats - expected) / len(first))
 
 
+def variance_for_means(residuals: FloatArray, fitted: int) -> float:
+    """Variance of residuals, as large as it counts for their mean: neighbours that are alike have less information.
+
+    Parameters
+    ----------
+    residuals : float array, shape (n,)
+    fitted : int
+        How many values were fitted to what they are left of.
+    """
+    power = float(residuals.dot(residuals))
+    if power == 0.0:
+        return 0.0
+    follow = min(max(float(residuals[1:].dot(residuals[:-1])) / power, 0.0), 0.99)
+    return power / (len(residuals) - fitted) * (1.0 + follow) / (1.0 - follow)
+
+
 def runs_of_true(mask: npt.NDArray[np.bool_]) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
     """Starts and stops (half-open) of the stretches where the mask is true."""
     padded = np.zeros(len(mask) + 2, dtype=np.int8)

@@ -150,6 +150,27 @@ def is_at_rest_too(noise: Shape, left: FloatArray) -> bool | None:
     return bool((structure(noise, lags) <= _TIMES * observed).all())
 
 
+def noise_at_rest(noise: Shape, left: FloatArray, least: float) -> Shape:
+    """The noise of rows at 0 V that is smaller than what is found under voltage.
+
+    It is autocorrelated as that is, in proportion to the changes over one row, where these rows are likelier so, and
+    white else.
+
+    Parameters
+    ----------
+    noise : Shape
+        Of the rows under voltage.
+    left : float array, shape (n_resting,)
+        By ``left_at_rest``, in the unit of the noise.
+    least : float
+        Variance that a reading has at least, in the square of that unit.
+    """
+    if likelier_with_slow(noise, left) > 0.0:
+        changes = float(np.mean(np.diff(left) ** 2)) / float(structure(noise, [1])[0])
+        return replace(noise, variance=noise.variance * changes)
+    return Shape(Terms(), np.zeros(0), max(float(np.mean(left**2)), least))
+
+
 def is_shown_at_rest(noises: Iterable[tuple[Shape, FloatArray]]) -> bool | None:
     """Whether rows at 0 V show what is slow in a noise, in all runs of an output together; None where they do not say.
 

@@ -17,7 +17,7 @@ from typing import Final
 
 import numpy as np
 
-from ipmclab.identification.noise.at_rest import is_at_rest_too, left_at_rest, slope_at_rest
+from ipmclab.identification.noise.at_rest import is_at_rest_too, left_at_rest, noise_at_rest, slope_at_rest
 from ipmclab.identification.noise.blind import Blind, blind_outputs
 from ipmclab.identification.noise.model_error import model_errors
 from ipmclab.identification.noise.pieces import (
@@ -218,8 +218,8 @@ class Correlated:
         return np.asarray(sum(parts) + beyond.T @ beyond)
 
     @cached_property
-    def _at_rest(self) -> dict[Key, tuple[int, float]]:
-        """Where what is found under voltage is not there at 0 V: so many first rows, and the variance that they have.
+    def _at_rest(self) -> dict[Key, tuple[int, Shape]]:
+        """Where what is found under voltage is not there at 0 V: so many first rows, and the noise that they have.
 
         What a model lacks begins with the voltage; a strip at rest draws nothing, whatever it is.
         """
@@ -227,7 +227,7 @@ class Correlated:
         for key, shape in self.shapes.items():
             resting = self.left_at_rest(key)
             if is_at_rest_too(shape, resting) is False:
-                found[key] = len(resting), max(float(np.mean(resting**2)), self.problem.floors[key] ** 2)
+                found[key] = len(resting), noise_at_rest(shape, resting, self.problem.floors[key] ** 2)
         return found
 
     def _noise_of(self, columns: FloatArray, key: Key) -> FloatArray:
@@ -235,9 +235,10 @@ class Correlated:
         shape = self.shapes.get(key)
         if shape is None or not (shape.terms.order or shape.terms.walk):
             return np.asarray((1.0 if shape is None else shape.variance) * (columns.T @ columns))
-        count, variance = self._at_rest.get(key, (0, 0.0))
-        resting, driven = columns[:count], columns[count:]
-        return np.asarray(variance * (resting.T @ resting) + spread_by(driven, self.pieces[key].steps[count:], shape))
+        count, own = self._at_rest.get(key, (0, shape))
+        steps = self.pieces[key].steps
+        driven = spread_by(columns[count:], steps[count:], shape)
+        return driven + spread_by(columns[:count], steps[:count], own) if count else driven
 
     @cached_property
     def _known(self) -> dict[Key, tuple[Projection, FloatArray]]:
@@ -266,9 +267,10 @@ class Correlated:
             return found
         for key, shape in self.shapes.items():
             rows = found[self.problem.pieces[key]]
-            count, variance = self._at_rest.get(key, (0, 0.0))
+            count, own = self._at_rest.get(key, (0, shape))
             noise = drawn(shape, self.pieces[key].steps, generator)
-            noise[:count] = math.sqrt(variance) * generator.standard_normal(count)
+            if count:
+                noise[:count] = drawn(own, self.pieces[key].steps[:count], generator)
             rows[self.pieces[key].inside] = noise
         for key in self.zeros:
             rows = found[self.problem.pieces[key]]
