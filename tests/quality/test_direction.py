@@ -25,6 +25,19 @@ def test_only_what_is_read_before_the_voltage_turns_says_which_way_a_strip_goes(
         assert ("response-opposite" in codes) is (opposite and sign < 0.0)
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_what_noise_does_in_the_first_rows_is_no_answer(sign: float) -> None:
+    """An AR(1) noise of 0.9, 4 % of the answer: of 400 such records 30 were said to go the wrong way."""
+    draws = np.random.default_rng(20261128).standard_normal((200, 1200))
+    noise = lfilter([np.sqrt(1.0 - 0.81)], [1.0, -0.9], draws)[:, 200:]
+    time = np.arange(1000) / 100.0
+    voltage = np.where(time < 1.995, 0.0, 1.0)
+    follows = 5e-4 * sign * lfilter([0.05], [1.0, -0.95], voltage)
+    runs = [Run.from_arrays(time=time, voltage=voltage, displacement=follows + 2e-5 * one) for one in noise]
+    said = sum("response-opposite" in {finding.code for finding in check(run)} for run in runs)
+    assert said == (0 if sign > 0.0 else len(runs))
+
+
 def goes_the_wrong_way(**answers: np.ndarray) -> bool:
     """Of readings at 50 Hz with the voltage under its own name."""
     run = Run.from_arrays(time=np.arange(2000) / 50.0, **answers)
