@@ -41,7 +41,8 @@ from ipmclab.statespace.shape import Shape, drawn, spread_by
 from ipmclab.statespace.terms import Terms
 from ipmclab.statespace.whitening import Whitening
 
-_WORSE: Final = 1.05  # times what is left with a term (rms): who looks at the curve sees no less
+WORSE: Final = 1.05
+"""Times what is left with a term (rms): who looks at the curve sees no less."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -332,7 +333,7 @@ def with_noise(problem: Problem, solution: Solution, yielding: Sequence[int], ag
     plain = near.evaluation
     if least is not problem:
         least, near = again(least, replace(near, evaluation=least.evaluate(near.theta)))
-        if predicts_less(least.weighed(near.theta, near.evaluation, problem.noise), solution.evaluation):
+        if fewer is not problem and _left_more(least, problem) > WORSE:
             return with_noise(problem, solution, (), again)
         plain = least.plain.evaluate(near.theta)
         shapes = refine_noise(System(least.plain, plain, searched), shapes)
@@ -340,13 +341,11 @@ def with_noise(problem: Problem, solution: Solution, yielding: Sequence[int], ag
     return Correlated(least, near, plain, shapes, pieces, {**blind, **hidden})
 
 
-def predicts_less(without: Evaluation, here: Evaluation) -> bool:
-    """Whether a prediction without some term misses the readings by so much more that it shows.
-
-    Noise that is slow enough describes whatever a term explains, so that tests under it do not object.
-    """
-    left, with_term = without.of_readings, here.of_readings
-    return float(left @ left) > _WORSE**2 * float(with_term @ with_term)
+def _left_more(without: Problem, problem: Problem) -> float:
+    """Times what is left (rms), by the geometric mean over all readings: each problem weighs by what its fit leaves."""
+    rows = {key: piece.stop - piece.start for key, piece in problem.pieces.items()}
+    logarithms = (count * math.log(without.noise[key] / problem.noise[key]) for key, count in rows.items())
+    return math.exp(sum(logarithms) / sum(rows.values()))
 
 
 def _zero_of(problem: Problem, piece: Piece, shape: Shape) -> Zero | None:

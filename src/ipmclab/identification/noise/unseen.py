@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from ipmclab.confidence import REJECT
-from ipmclab.identification.noise.correlate import Correlated, predicts_less
+from ipmclab.identification.noise.correlate import WORSE, Correlated
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.problem.unknowns import Unknown
 from ipmclab.identification.search.descent import minimum_near, start_with_fewer
@@ -133,10 +133,11 @@ def _switched_off(
 def _predicts_less(solution: Solution, there: Solution, count: int) -> bool:
     """Whether the prediction is worse without the stage, by more than white noise feigns.
 
-    How sure its parameters are beside noise that describes the same, their intervals say.
+    Noise that is slow enough describes whatever a stage explains. How sure its parameters are beside that, their
+    intervals say.
     """
-    less = predicts_less(there.evaluation, solution.evaluation)
-    return less and _lost_by_chance(solution, there, count, 1.0) < REJECT
+    worse = there.evaluation.cost > WORSE**2 * solution.evaluation.cost
+    return worse and _lost_by_chance(solution, there, count, 1.0) < REJECT
 
 
 def _chance(under: Correlated, solution: Solution, there: Solution, count: int) -> float:
