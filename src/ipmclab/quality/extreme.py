@@ -10,6 +10,7 @@ from typing import Final
 import numpy as np
 
 from ipmclab.quality.record import GUARD_ROWS, Channel, IntArray
+from ipmclab.quality.scatter import Scatter
 from ipmclab.run import FloatArray
 
 _FEWEST: Final = 7  # readings: a parabola takes three, and four show whether it fits (convention)
@@ -64,7 +65,12 @@ def breaks_of(channel: Channel, values: FloatArray, edges: IntArray) -> IntArray
 
 
 def highest(
-    channel: Channel, time: FloatArray, values: FloatArray, breaks: IntArray, before: int | None = None
+    channel: Channel,
+    scatter: Scatter,
+    time: FloatArray,
+    values: FloatArray,
+    breaks: IntArray,
+    before: int | None = None,
 ) -> Extreme:
     """The maximum of a curve from its noisy readings.
 
@@ -74,7 +80,8 @@ def highest(
     Parameters
     ----------
     channel : Channel
-        Whose noise the readings have.
+    scatter : Scatter
+        The noise of its readings.
     time : float array, shape (n_time,) [s]
     values : float array, shape (n_time,)
         Readings, or their negatives for the minimum; NaN where there is none.
@@ -89,7 +96,7 @@ def highest(
     """
     left = np.where(np.isfinite(values), values, -math.inf)[:before]
     row = int(left.argmax())
-    reading = Extreme(row, float(values[row]), channel.noise)
+    reading = Extreme(row, float(values[row]), scatter.of_one)
     if channel.noise <= 1.001 * channel.quantum / math.sqrt(12.0):
         return reading
     even = _is_even(time) and bool(np.isfinite(values).all())
@@ -99,7 +106,7 @@ def highest(
         row = int(left.argmax())
         if best is not None and left[row] <= best.value:
             break
-        top, span = _climb(channel.noise, time, values, breaks, row, len(left), even=even)
+        top, span = _climb(scatter, time, values, breaks, row, len(left), even=even)
         left[row] = -math.inf
         left[span] = -math.inf
         found.append(top)
@@ -117,10 +124,10 @@ def _without_luck(best: Extreme, found: list[Extreme]) -> Extreme:
 
 
 def _climb(
-    noise: float, time: FloatArray, values: FloatArray, breaks: IntArray, row: int, before: int, *, even: bool
+    noise: Scatter, time: FloatArray, values: FloatArray, breaks: IntArray, row: int, before: int, *, even: bool
 ) -> tuple[Extreme, slice]:
     """The top that a row leads to, and the rows that it represents; ``even`` for equal distances and no gap."""
-    found = Extreme(row, float(values[row]), noise)
+    found = Extreme(row, float(values[row]), noise.of_one)
     span = slice(row, row + 1)
     for _ in range(_CLIMBS):
         place = int(np.searchsorted(breaks, row, side="right"))
@@ -142,8 +149,9 @@ def _climb(
         if not middle.any():
             break
         top = int(np.where(middle, fitted, -math.inf).argmax())
-        scatter = math.sqrt(float(np.sum((values[rows] - fitted) ** 2)) / max(len(rows) - 3, 1))
-        error = _UNSEEN * max(noise, scatter) * math.sqrt(float(basis[top] @ basis[top]))
+        left = math.sqrt(float(np.sum((values[rows] - fitted) ** 2)) / max(len(rows) - 3, 1))
+        weights = basis @ basis[top]
+        error = _UNSEEN * max(noise.of(weights), left * math.sqrt(float(weights @ weights)))
         found = Extreme(int(rows[top]), float(fitted[top]), error)
         if abs(found.row - row) < max(reach, 1):
             break
@@ -152,7 +160,7 @@ def _climb(
 
 
 def _widest(
-    noise: float, time: FloatArray, values: FloatArray, row: int, start: int, stop: int, *, even: bool
+    noise: Scatter, time: FloatArray, values: FloatArray, row: int, start: int, stop: int, *, even: bool
 ) -> slice | None:
     """The widest stretch around a row in which terms of third and fourth degree do not show; None if there is none."""
     wide: slice | None = None
@@ -166,8 +174,9 @@ def _widest(
             read, when = read[there], time[low:high][there]
         half = math.ceil(_GROWTH * half)
         if len(read) >= _FEWEST:
-            bend = (_bends_of_rows(len(read)) if even else _orthonormal(when, 4)[:, 3:].T) @ read
-            if float(bend @ bend) > _BENT * noise**2:
+            bends = _bends_of_rows(len(read)) if even else _orthonormal(when, 4)[:, 3:].T
+            bend = bends @ read
+            if float(np.sum((bend / _of_bends(noise, len(read))) ** 2)) > _BENT:
                 bent += 1
             else:
                 bent = 0
@@ -192,6 +201,12 @@ def _basis_of_rows(count: int, degree: int) -> FloatArray:
 def _bends_of_rows(count: int) -> FloatArray:
     """Of these, the third and fourth degree, a row for each."""
     return np.ascontiguousarray(_gram(count, 4)[:, 3:].T)
+
+
+@lru_cache(maxsize=256)
+def _of_bends(noise: Scatter, count: int) -> FloatArray:
+    """Standard deviations that noise gives them."""
+    return np.array([noise.of(weights) for weights in _bends_of_rows(count)])
 
 
 def _gram(count: int, degree: int) -> FloatArray:

@@ -15,6 +15,7 @@ from ipmclab.quality.extreme import HOW, breaks_of, highest
 from ipmclab.quality.kept import kept
 from ipmclab.quality.period import periodic_part
 from ipmclab.quality.record import GUARD_ROWS, NO_VOLTAGE, Channel, IntArray, Record
+from ipmclab.quality.scatter import Scatter, scatter_of
 from ipmclab.quality.steady import settle
 from ipmclab.quality.usable import noise_only, unmasked
 from ipmclab.run import Finding, FloatArray, Run
@@ -64,11 +65,12 @@ class Metric:
 
 @dataclass(frozen=True, eq=False)
 class _Response:
-    """A channel's deviations from rest, the rows at which they jump, and the standard error of the rest."""
+    """A channel's deviations from rest, where they jump, their noise, and the standard error of the rest."""
 
     channel: Channel
     values: FloatArray
     breaks: IntArray
+    scatter: Scatter
     rest_error: float
 
 
@@ -118,9 +120,10 @@ def _measured(run: Run, findings: Sequence[Finding]) -> tuple[Metric, ...]:
         values = np.where(masks[channel.name], channel.readings, np.nan)
         if np.count_nonzero(np.isfinite(values)) < 2:
             continue
-        rest, rest_error = _at_rest(record, channel, values)
+        scatter = scatter_of(record, channel, periodic)
+        rest, rest_error = _at_rest(record, scatter, values)
         values -= rest
-        response = _Response(channel, values, breaks_of(channel, values, record.edges), rest_error)
+        response = _Response(channel, values, breaks_of(channel, values, record.edges), scatter, rest_error)
         metrics.append(_largest(record, response))
         if record.steps_from_rest and record.constant_after[0]:
             metrics += _first_peak(record, response)
@@ -131,10 +134,10 @@ def _measured(run: Run, findings: Sequence[Finding]) -> tuple[Metric, ...]:
     return tuple(metrics)
 
 
-def _at_rest(record: Record, channel: Channel, values: FloatArray) -> tuple[float, float]:
+def _at_rest(record: Record, scatter: Scatter, values: FloatArray) -> tuple[float, float]:
     """The reading at rest and its standard error."""
     before = _before(record.run, values)
-    return (float(before.mean()), channel.noise / math.sqrt(len(before))) if len(before) >= _SHOWN else (0.0, 0.0)
+    return (float(before.mean()), scatter.of_mean(len(before))) if len(before) >= _SHOWN else (0.0, 0.0)
 
 
 def _before(run: Run, values: FloatArray) -> FloatArray:
@@ -164,7 +167,7 @@ def _metric(channel: Channel, name: str, value: float, error: float, definition:
 
 def _largest(record: Record, response: _Response) -> Metric:
     channel, values, time = response.channel, response.values, record.run.time
-    up, down = highest(channel, time, values, response.breaks), highest(channel, time, -values, response.breaks)
+    up, down = (highest(channel, response.scatter, time, one, response.breaks) for one in (values, -values))
     return _metric(
         channel,
         "largest",
@@ -189,13 +192,16 @@ def _first_peak(record: Record, response: _Response) -> list[Metric]:
     stretch = values[start:end]
     if not np.isfinite(stretch).any():
         return []
-    direction = _direction(record, channel, values)
+    direction = _direction(record, response)
     towards = direction * stretch
     so_far = np.fmax.accumulate(towards)
-    fallen = np.flatnonzero(so_far - towards > np.maximum(8.0 * channel.noise, _FALLEN * so_far))
+    rows = np.arange(len(towards))
+    since = rows - np.maximum.accumulate(np.where(towards == so_far, rows, 0))
+    clear = response.scatter.clear(since, rows + 1)
+    fallen = np.flatnonzero(so_far - towards > np.maximum(clear, _FALLEN * so_far))
     inside = breaks[(breaks > start) & (breaks < end)] - start
     until = int(fallen[0]) if len(fallen) else None
-    peak = highest(channel, record.run.time[start:end], towards, inside, until)
+    peak = highest(channel, response.scatter, record.run.time[start:end], towards, inside, until)
     value = direction * peak.value
     until_peak = float(record.run.time[start + peak.row] - record.run.time[edge])
     metrics = [
@@ -206,7 +212,7 @@ def _first_peak(record: Record, response: _Response) -> list[Metric]:
             math.hypot(peak.error, response.rest_error),
             "The first maximum after the first edge of the voltage, in the direction in which the response starts: the "
             "largest deviation from rest before the response has come back from it by 2 % (and by eight standard "
-            "deviations of the noise), or before the voltage changes. " + HOW + " " + _FROM_REST,
+            "deviations of white noise), or before the voltage changes. " + HOW + " " + _FROM_REST,
         ),
         Metric(
             "time_to_peak",
@@ -218,14 +224,13 @@ def _first_peak(record: Record, response: _Response) -> list[Metric]:
             "has not come back from it when the voltage changes, the interval is open: the peak may be later.",
         ),
     ]
-    rows = end - edge
-    last = stretch[-max(1, rows // 10) :]
+    last = stretch[-max(1, (end - edge) // 10) :]
     last = last[np.isfinite(last)]
     is_rounding = abs(value) <= np.finfo(np.float64).eps * float(np.nanmax(np.abs(stretch)))
     if channel.name == "current" or not len(fallen) or not len(last) or is_rounding:
         return metrics
     remains = float(last.mean())
-    scatter = math.hypot(channel.noise / math.sqrt(len(last)), peak.error * remains / value)
+    scatter = math.hypot(response.scatter.of_mean(len(last)), peak.error * remains / value)
     error = math.hypot(scatter, response.rest_error * (1.0 - remains / value)) / abs(value)
     share = 1.0 - remains / value
     metrics.append(
@@ -243,11 +248,12 @@ def _first_peak(record: Record, response: _Response) -> list[Metric]:
     return metrics
 
 
-def _direction(record: Record, channel: Channel, values: FloatArray) -> float:
+def _direction(record: Record, response: _Response) -> float:
     """1 or -1: the way the response starts, where it is clear of the noise; that of the voltage otherwise."""
-    edge, end = int(record.edges[0]), int(record.ends[0])
+    edge, end, values = int(record.edges[0]), int(record.ends[0]), response.values
     after = values[max(edge - GUARD_ROWS, 0) : end]
-    clear = np.flatnonzero(np.abs(after) > 8.0 * channel.noise)
+    rows = np.arange(len(after))
+    clear = np.flatnonzero(np.abs(after) > response.scatter.clear(_REST_ROWS + rows, rows + 1))
     return math.copysign(1.0, float(after[clear[0]]) if len(clear) else float(record.heights[0]))
 
 
@@ -279,7 +285,7 @@ def _steady(record: Record, response: _Response, edge: int, end: int) -> list[Me
             channel,
             "mean_of_last_tenth",
             mean,
-            math.hypot(channel.noise / math.sqrt(count), response.rest_error),
+            math.hypot(response.scatter.of_mean(count), response.rest_error),
             "The mean of the last tenth of the record, without a rest at 0 V at its end. " + _FROM_REST,
         ),
     ]
@@ -295,7 +301,7 @@ def _periodic(record: Record, response: _Response, period: float, end: int) -> l
     if not np.isfinite(last).all():
         return []
     inside = response.breaks[(response.breaks > first) & (response.breaks < end)] - first
-    up, down = highest(channel, time, last, inside), highest(channel, time, -last, inside)
+    up, down = (highest(channel, response.scatter, time, one, inside) for one in (last, -last))
     metrics = [
         _metric(
             channel,
@@ -309,7 +315,7 @@ def _periodic(record: Record, response: _Response, period: float, end: int) -> l
     waves = harmonics(time, last, period, orders)
     drive = harmonics(time, record.run.voltage[first:end], period, 1)
     size = abs(waves[0])
-    error = channel.noise * math.sqrt(2.0 / count)
+    error = response.scatter.of_wave(count) * math.sqrt(2.0 / count)
     if size > 5.0 * error and abs(drive[0]) > 0.0:
         phase = float(np.angle(waves[0] / drive[0]))
         half = NORMAL_95 * error / float(size)
@@ -325,15 +331,19 @@ def _periodic(record: Record, response: _Response, period: float, end: int) -> l
             )
         )
         for order in range(2, orders + 1):
-            ratio = float(abs(waves[order - 1]) / size)
+            # Noise adds its own power to that of a harmonic.
+            own = response.scatter.of_wave(count / order) * math.sqrt(2.0 / count)
+            ratio = math.sqrt(max(float(abs(waves[order - 1])) ** 2 - 2.0 * own**2, 0.0)) / float(size)
+            reach = NORMAL_95 * own / float(size)
             metrics.append(
                 Metric(
                     f"harmonic_{order}",
                     channel.name,
                     ratio,
                     "",
-                    (max(0.0, ratio - half), ratio + half),
-                    f"Amplitude of harmonic {order} over that of the fundamental, over the last whole period.",
+                    (max(0.0, ratio - reach), ratio + reach),
+                    f"Amplitude of harmonic {order} over that of the fundamental, over the last whole period, less the "
+                    "power that noise adds.",
                 )
             )
     if channel.name == "current":
@@ -368,7 +378,7 @@ def _half_period_ends(record: Record, response: _Response, period: float, end: i
     if not all(len(stretch) for stretch in read):
         return []
     first, before, last = (float(np.median(stretch)) for stretch in read)
-    errors = [channel.noise * math.sqrt(math.pi / 2.0 / len(stretch)) for stretch in read]
+    errors = [math.sqrt(math.pi / 2.0) * response.scatter.of_mean(len(stretch)) for stretch in read]
     words = f"median of the last {rows} row{'s' if rows > 1 else ''} of it"
     return [
         _metric(

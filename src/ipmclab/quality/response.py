@@ -7,15 +7,14 @@ from typing import Final
 
 import numpy as np
 
-from ipmclab.quality.noise import variance_for_means
 from ipmclab.quality.record import Channel, Record
+from ipmclab.quality.scatter import scatter_of
 from ipmclab.run import Finding
 
 _BLOCKS: Final = 50  # means of a record that are compared (convention)
 _WINDOWS: Final = (5, 20, 80, 320)  # rows of moving means, each four times the last (convention)
 _SURELY: Final = 8.0
 """Standard errors by which the mean of a current differs from zero that is none of its noise (convention)."""
-_FEWEST: Final = 20  # rows at 0 V that show how their noise is autocorrelated (convention)
 _SLOW: Final = 0.2
 """Below this frequency [Hz] an actuator follows the voltage with less than 135 degrees of lag (convention)."""
 
@@ -159,27 +158,13 @@ def _sign_at_edge(record: Record, channel: Channel) -> int:
         moved = float(window[np.abs(window - before).argmax()]) - before
         return int(np.sign(moved * record.heights[0])) if abs(moved) > 10.0 * channel.noise else 0
     before = float(rest.mean())
-    power, in_means = _at_rest(channel, edge)
-    of_rest = min(in_means / len(rest), power)
+    scatter = scatter_of(record, channel)
     for rows in _WINDOWS:
         window = channel.readings[edge + 1 : edge + 1 + rows]
         if rows > end - edge:
             return 0
         moved = float(window.mean()) - before
-        error = math.sqrt(min(in_means / rows, power) + of_rest)
+        error = math.hypot(scatter.of_mean(rows), scatter.of_mean(len(rest)))
         if abs(moved) > 10.0 * error + channel.quantum:
             return int(np.sign(moved * record.heights[0]))
     return 0
-
-
-def _at_rest(channel: Channel, edge: int) -> tuple[float, float]:
-    """Variance of the noise of a reading, and as it counts for means: that of rows before the edge, if they show it.
-
-    What is autocorrelated is no larger from row to row, and moves several rows together.
-    """
-    rest, white = channel.readings[: max(edge - 3, 0)], channel.noise**2
-    if len(rest) < _FEWEST or not np.isfinite(rest).all():
-        return white, white
-    place = np.linspace(-1.0, 1.0, len(rest))
-    left = rest - rest.mean() - float(place.dot(rest)) / float(place.dot(place)) * place
-    return max(float(left.dot(left)) / (len(rest) - 2), white), max(variance_for_means(left, 2), white)
