@@ -334,7 +334,9 @@ def with_noise(problem: Problem, solution: Solution, yielding: Sequence[int], ag
     if least is not problem:
         least, near = again(least, replace(near, evaluation=least.evaluate(near.theta)))
         if fewer is not problem and _left_more(least, problem) > WORSE:
-            return with_noise(problem, solution, (), again)
+            kept = with_noise(problem, solution, (), again)
+            if _left_more(least, kept.problem) > WORSE:  # and that is not what rows at 0 V say of a slope
+                return kept
         plain = least.plain.evaluate(near.theta)
         shapes = refine_noise(System(least.plain, plain, searched), shapes)
     pieces |= {piece.key: piece for piece in searched}
