@@ -96,7 +96,7 @@ def motion_of_another_coupling(
     outputs : collection of str
         Those that are read for a series resistance alone.
     """
-    if not any("current" in record.readings for record in problem.records):
+    if not outputs or not any("current" in record.readings for record in problem.records):
         return []
     read = [output for record in problem.records for output in record.readings]
     nothing = [finding.channel for finding in unexplained(problem, left_of, beside_drift=True)]
