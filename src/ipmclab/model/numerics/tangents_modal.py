@@ -156,10 +156,10 @@ def modal_tangents(
         return of_kept(weights[..., np.concatenate([kept, n + kept])] * times)
 
     def answered(drive: FloatArray, answers: ComplexArray) -> tuple[FloatArray, FloatArray]:
-        """The outputs, of what the poles answer to a drive, and the sum of the sizes of that."""
+        """The outputs, of what the poles answer to a drive, and the sum of the sizes of that, by its larger parts."""
         own = modes.read[:, kept] * (modes.left[kept] @ drive) * times[: len(kept)]
         each = answers[: len(kept)]
-        return (own @ each).real, np.abs(own) @ np.abs(each).max(axis=1, initial=0.0)
+        return (own @ each).real, np.abs(own) @ np.abs(each.view(np.float64)).max(axis=1, initial=0.0)
 
     voltage = _answers(modes.poles[kept], line, 0.0)
     values, sizes = answered(given.b, voltage)
