@@ -55,7 +55,7 @@ class RowMarks(Tabled):
             last = len(values) - _TOGETHER
             if last < 0:
                 return None
-            at = np.unique(np.linspace(0, last, min(_MARKS, 1 + last // _TOGETHER)).astype(np.intp))
+            at = np.linspace(0, last, min(_MARKS, 1 + last // _TOGETHER)).astype(np.intp)
             marked = values[np.add.outer(at, np.arange(_TOGETHER))]
             levels = 1 + np.count_nonzero(np.diff(np.sort(marked, axis=1), axis=1) > 0.0, axis=1)  # NaN comes last
             at, marked = at[levels >= _LEVELS], marked[levels >= _LEVELS]

@@ -166,7 +166,8 @@ def quantities_of_each(
     """
     own, structure = actuator.parameter_values, actuator.structure
     if set(outputs) == {"current"} and structure.is_lumped and structure.takes_arrays:
-        together: Any = {name: np.array([point[name] for point in points]) for name in own}
+        columns = {name: [point[name] for point in points] for name in own}
+        together: Any = {name: np.array(one) if len({*one}) > 1 else one[0] for name, one in columns.items()}
         return _of_circuits(structure.electrical.block(together), len(points), longest)
     moved = [{name: point[name] for name in own if point[name] != own[name]} for point in points]
     return [quantities_of(actuator.replace(**changes), outputs, highest, longest) for changes in moved]

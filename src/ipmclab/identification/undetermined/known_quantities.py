@@ -221,11 +221,11 @@ def _known_at(point: Point, at_record: _AtRecord) -> dict[str, Known]:
     quantities_found = {}
     for name, value in here.items():
         scale = 1.0 if derived(name).positive else max(abs(value), 1e-300)
-        free = np.array([one.get(name, math.nan) for one in own])
-        direct = np.array([one.get(name, math.nan) for one in of_held])
-        also = [one.get(name, math.nan) for one in elsewhere]
-        if not all(np.all(np.isfinite(numbers)) for numbers in (free, direct, also)):
+        numbers = [one.get(name, math.nan) for one in (*own, *of_held, *elsewhere)]
+        if not all(map(math.isfinite, numbers)):
             continue
+        free, direct = np.array(numbers[: len(own)]), np.array(numbers[len(own) : len(slopes)])
+        also = numbers[len(slopes) :]
         if np.all(np.abs(free) <= _ROUNDING * scale) or np.any(np.abs(found.null @ free) > MOVED * scale):
             continue
         of_stated = direct[: len(stated)]
