@@ -230,7 +230,6 @@ class _OwnWeights:
         self._problem = problem
         self._latest: tuple[bytes, Evaluation] | None = None
         self.lower, self.upper = problem.lower, problem.upper
-        self.linear, self.added = problem.linear, problem.added
 
     def evaluate(self, theta: FloatArray) -> Evaluation:
         """Residuals and Jacobian under the weights of that point."""
