@@ -23,7 +23,7 @@ _MARKS: Final = 64  # of a run, evenly spaced
 _LEVELS: Final = 3  # different readings of a mark, at least: what does not move looks alike in every record
 _FEWEST: Final = 2  # marks that have to be found again, at the same distance
 _ODD: Final = np.uint64(0x9E3779B97F4A7C15)  # of a multiplicative hash: 2^64 over the golden ratio
-_POWERS: Final = _ODD ** np.arange(_TOGETHER, dtype=np.uint64)[::-1]
+_POWERS: Final = _ODD ** np.arange(_TOGETHER, dtype=np.uint64)[::-1]  # by which the readings of a mark count
 
 
 @dataclass(frozen=True)
