@@ -42,7 +42,7 @@ SOURCES = (
 
 SEED, RATE, NOISE = 20261121, 50.0, 1e-4
 TIMES_BY_HAND = 30.0
-"""What a landing must keep of the first ratio. ``identify`` is 19,000 calls of Python, which a neighbour that takes the
+"""What a landing must keep of the first ratio. ``identify`` is 13,000 calls of Python, which a neighbour that takes the
 caches slows down more than the long loops of ``lsim``: 57 to 64 were measured alone on a machine, 40 to 42 beside
 others."""
 

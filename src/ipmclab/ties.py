@@ -36,9 +36,10 @@ def largest_first(sizes: Sequence[float] | FloatArray) -> list[int]:
     [2, 1, 0]
     """
     given = np.asarray(sizes, dtype=np.float64)
-    is_something = np.abs(given) > NOTHING * np.abs(given).max(initial=0.0)
-    leading, power = np.frexp(np.where(is_something, given, 0.0))
-    return [int(k) for k in np.argsort(-np.ldexp(np.round(leading, DIGITS), power), kind="stable")]
+    largest = np.abs(given).max(initial=0.0)
+    leading, power = np.frexp(np.where(np.abs(given) > NOTHING * largest, given, 0.0))
+    places: list[int] = np.argsort(-np.ldexp(np.rint(10.0**DIGITS * leading), power), kind="stable").tolist()
+    return places
 
 
 def names_by_size(sizes: Mapping[str, float]) -> list[str]:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import gc
 import math
+import pickle
 import re
 import tomllib
+import weakref
 from collections.abc import Callable
 from copy import deepcopy
 from dataclasses import replace
@@ -52,6 +55,20 @@ def test_everything_but_the_residuals_comes_back(fit: Fit, tmp_path: Path) -> No
     assert again.actuator.parameter_values == fit.actuator.parameter_values
     assert again.residuals == ()
     assert again.runs[0][0] == "a step"
+
+
+def test_an_actuator_tells_of_its_fit_and_keeps_none_of_its_records() -> None:
+    clean = simulate(FRIEND, "step 1 V", duration=10.0, rate=20.0)
+    fit = identify(FRIEND, [clean], free="circuit.dc_resistivity")
+    strip, findings, estimate = fit.actuator, [one.code for one in fit.findings], weakref.ref(fit.estimate)
+    del fit
+    gc.collect()
+    assert estimate() is None
+    assert strip.fit_table is not None
+    assert [one["code"] for one in strip.fit_table["findings"]] == findings
+    copied = deepcopy(strip.fit_table)
+    assert isinstance(copied, dict)
+    assert copied == strip.fit_table == pickle.loads(pickle.dumps(strip)).fit_table
 
 
 def test_the_file_is_an_actuator(fit: Fit, tmp_path: Path) -> None:

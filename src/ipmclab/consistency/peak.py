@@ -34,15 +34,18 @@ def peak_above_series_resistance(known: KnownStrip, facts: Sequence[Fact]) -> li
     resistance = series(known.values)
     if resistance <= 0.0:
         return []
+    peaks = [one for one in facts if one.metric == "peak_current" and one.waveform in ("step", "sine", "square")]
+    above = [fact for fact in peaks if fact.value > fact.swing / resistance]
+    if not above:
+        return []
     relative = known.standard_uncertainty(series, names) / resistance
     found = []
-    for fact in facts:
-        if fact.metric == "peak_current" and fact.waveform in ("step", "sine", "square"):
-            allowed = Amount.of(fact.swing / resistance, relative * fact.swing / resistance, CURRENT)
-            measured = Amount.of(fact.value, fact.uncertainty, CURRENT)
-            sigmas = sigmas_between(measured, allowed) if measured.value > allowed.value else 0.0
-            if sigmas > SURE:
-                found.append((sigmas, measured, allowed, fact))
+    for fact in above:
+        allowed = Amount.of(fact.swing / resistance, relative * fact.swing / resistance, CURRENT)
+        measured = Amount.of(fact.value, fact.uncertainty, CURRENT)
+        sigmas = sigmas_between(measured, allowed)
+        if sigmas > SURE:
+            found.append((sigmas, measured, allowed, fact))
     if not found:
         return []
     sigmas, measured, allowed, fact = max(found, key=lambda one: (one[1].value / one[2].value, one[0]))

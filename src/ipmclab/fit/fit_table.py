@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import cached_property
 from typing import Any
 
 from ipmclab.fit.fit import Fit
@@ -42,16 +43,39 @@ def _findings(findings: Sequence[Finding]) -> list[dict[str, Any]]:
     return [in_toml(replace(finding, channel=finding.channel or "")) for finding in findings]
 
 
+class FitTable(Mapping[str, Any]):
+    """The table of a fit, written when it is asked for; a copy or a pickle of it is a dictionary."""
+
+    def __init__(self, fit: Fit) -> None:
+        # Who keeps an actuator keeps no record with it, and no table of an earlier fit.
+        self._fit = replace(fit, actuator=fit.actuator.with_fit_table(None), residuals=(), estimate=None)
+
+    @cached_property
+    def _table(self) -> dict[str, Any]:
+        return fit_to_table(self._fit)
+
+    def __getitem__(self, name: str) -> Any:
+        return self._table[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._table)
+
+    def __len__(self) -> int:
+        return len(self._table)
+
+    def __repr__(self) -> str:
+        return repr(self._table)
+
+    def __reduce__(self) -> tuple[type[dict[str, Any]], tuple[dict[str, Any]]]:
+        return dict, (self._table,)
+
+
 def changed(fit: Fit, **changes: Any) -> Fit:
     """A fit with some changes, which the table in its actuator follows."""
     other = replace(fit, **changes)
-    return replace(other, actuator=replace(other.actuator, fit_table=fit_to_table(other)))
+    return replace(other, actuator=other.actuator.with_fit_table(FitTable(other)))
 
 
 def with_findings(fit: Fit, more: Sequence[Finding]) -> Fit:
-    """A fit with further findings: nothing else in its table is written again."""
-    if not more:
-        return fit
-    findings = (*fit.findings, *more)
-    table = {**(fit.actuator.fit_table or {}), "findings": _findings(findings)}
-    return replace(fit, findings=findings, actuator=replace(fit.actuator, fit_table=table))
+    """A fit with further findings."""
+    return changed(fit, findings=(*fit.findings, *more)) if more else fit

@@ -23,6 +23,7 @@ _MARKS: Final = 64  # of a run, evenly spaced
 _LEVELS: Final = 3  # different readings of a mark, at least: what does not move looks alike in every record
 _FEWEST: Final = 2  # marks that have to be found again, at the same distance
 _ODD: Final = np.uint64(0x9E3779B97F4A7C15)  # of a multiplicative hash: 2^64 over the golden ratio
+_POWERS: Final = _ODD ** np.arange(_TOGETHER, dtype=np.uint64)[::-1]  # by which the readings of a mark count
 
 
 @dataclass(frozen=True)
@@ -54,7 +55,7 @@ class RowMarks(Tabled):
             last = len(values) - _TOGETHER
             if last < 0:
                 return None
-            at = np.unique(np.linspace(0, last, min(_MARKS, 1 + last // _TOGETHER)).astype(np.intp))
+            at = np.linspace(0, last, min(_MARKS, 1 + last // _TOGETHER)).astype(np.intp)
             marked = values[np.add.outer(at, np.arange(_TOGETHER))]
             levels = 1 + np.count_nonzero(np.diff(np.sort(marked, axis=1), axis=1) > 0.0, axis=1)  # NaN comes last
             at, marked = at[levels >= _LEVELS], marked[levels >= _LEVELS]
@@ -99,8 +100,6 @@ def _checks(values: npt.NDArray[np.float64]) -> npt.NDArray[np.uint64]:
     bits = np.ascontiguousarray(values + 0.0, dtype=np.float64).view(np.uint64)  # no minus zero
     mixed = (bits ^ (bits >> np.uint64(32))) * _ODD
     mixed ^= mixed >> np.uint64(29)
-    count = max(len(values) - _TOGETHER + 1, 0)
-    found = np.zeros_like(mixed[:count])
-    for place in range(_TOGETHER if count else 0):
-        found = found * _ODD + mixed[place : place + count]
-    return found
+    if len(mixed) < _TOGETHER:
+        return mixed[:0]
+    return np.asarray(np.lib.stride_tricks.sliding_window_view(mixed, _TOGETHER, axis=0) @ _POWERS)

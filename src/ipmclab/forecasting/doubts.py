@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -133,7 +133,7 @@ def reach_finding(time: FloatArray, mean: FloatArray, free_length: float) -> Fin
     )
 
 
-def table_without(table: dict[str, Any] | None, gone: Sequence[str]) -> dict[str, Any] | None:
+def table_without(table: Mapping[str, Any] | None, gone: Sequence[str]) -> dict[str, Any] | None:
     """A ``[fit]`` table without some parameters: what it says of the others, of its runs and findings, stays."""
     entries, rows = entries_of(table), (table or {}).get("correlations")
     if table is None or not isinstance(rows, Sequence):

@@ -82,7 +82,7 @@ class Actuator(Shown):
     parameter_values: Mapping[str, float]
     standard_uncertainties: Mapping[str, float] = field(default_factory=dict)
     sample: Sample | None = None
-    fit_table: dict[str, Any] | None = None
+    fit_table: Mapping[str, Any] | None = None
     environment_laws: tuple[EnvironmentLaw, ...] = ()
     loaded_as: str = ""
 
@@ -182,11 +182,18 @@ class Actuator(Shown):
         values = {**self.parameter_values, **{name: _checked(known[name], value) for name, value in changes.items()}}
         geometry.check(values)
         sorption.check(values)
-        # Whoever replaces does so often: what was checked before is not checked again.
-        changed: Actuator = object.__new__(type(self))
-        changed.__dict__.update(self.__getstate__(), parameter_values=values, fit_table=None, structure=self.structure)
         kept = {name: value for name, value in self.standard_uncertainties.items() if name not in changes}
-        changed.__dict__["standard_uncertainties"] = kept
+        return self._with(parameter_values=values, standard_uncertainties=kept, fit_table=None)
+
+    def with_fit_table(self, table: Mapping[str, Any] | None) -> Actuator:
+        """The same, said to come of the fit that a table describes, or of none."""
+        return self._with(fit_table=table)
+
+    def _with(self, **changes: Any) -> Actuator:
+        """A copy with other fields; whoever makes them does so often: what was checked before is not checked again."""
+        changed: Actuator = object.__new__(type(self))
+        changed.__dict__.update(self.__getstate__(), structure=self.structure)
+        changed.__dict__.update(changes)
         return changed
 
     def at(self, environment: Environment | WaterState) -> Actuator:

@@ -320,7 +320,7 @@ def actuator_to_text(actuator: Actuator) -> str:
     if actuator.sample is not None:
         text += tomli_w.dumps({"sample": actuator.sample.to_table()})
     if actuator.fit_table is not None:
-        text += tomli_w.dumps({"fit": actuator.fit_table})
+        text += tomli_w.dumps({"fit": dict(actuator.fit_table)})
     return text
 
 

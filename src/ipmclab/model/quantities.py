@@ -166,7 +166,8 @@ def quantities_of_each(
     """
     own, structure = actuator.parameter_values, actuator.structure
     if set(outputs) == {"current"} and structure.is_lumped and structure.takes_arrays:
-        together: Any = {name: np.array([point[name] for point in points]) for name in own}
+        columns = {name: [point[name] for point in points] for name in own}
+        together: Any = {name: np.array(one) if len({*one}) > 1 else one[0] for name, one in columns.items()}
         return _of_circuits(structure.electrical.block(together), len(points), longest)
     moved = [{name: point[name] for name in own if point[name] != own[name]} for point in points]
     return [quantities_of(actuator.replace(**changes), outputs, highest, longest) for changes in moved]
@@ -205,25 +206,25 @@ def _of_motion(system: System, output: str, highest: float) -> dict[str, float]:
     row = OUTPUTS.index(output)
     b, c, d = system.b[:, 0], system.c[row], system.d[row, 0]
 
-    def answer(frequency: float) -> complex:
-        shifted = 2j * math.pi * frequency * np.eye(len(b)) - system.a
-        return complex(c @ np.linalg.solve(shifted, b) + d)
+    def answer(frequency: npt.ArrayLike) -> npt.NDArray[np.complex128]:
+        turned = 2j * math.pi * np.asarray(frequency)[..., None, None] * np.eye(len(b)) - system.a
+        return np.asarray(np.linalg.solve(turned, b[:, None])[..., 0] @ c + d)
 
     poles = np.linalg.eigvals(system.a)
     if _hides_a_pole(poles):
         return {}
-    static = answer(0.0).real
+    static = float(answer(0.0).real)
     found = {f"{output}.static_gain": static}
     slowest = float(np.min(np.abs(poles))) / (2.0 * math.pi)
     if slowest >= highest:
         return found
 
-    def above(logarithm: float) -> float:
-        return abs(answer(math.exp(logarithm))) - _HALF_POWER * abs(static)
+    def above(logarithm: npt.ArrayLike) -> FloatArray:
+        return np.abs(answer(np.exp(logarithm))) - _HALF_POWER * abs(static)
 
     grid = np.linspace(math.log(0.01 * slowest), math.log(highest), _GRID)
     # Where even the first has fallen, the answer to a constant voltage is rounding compared with that to a slow one.
-    fallen = next((place for place, one in enumerate(grid) if above(one) < 0.0), 0)
+    fallen = int(np.argmax(above(grid) < 0.0))
     if fallen:
         from scipy.optimize import brentq
 

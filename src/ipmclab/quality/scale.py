@@ -115,7 +115,7 @@ def wrong_scales(record: Record, noise_only: frozenset[str], actuator: Actuator 
     if not record.excited:
         return []
     volts = np.abs(record.run.voltage)
-    if float(np.median(volts[volts > NO_VOLTAGE])) > _MOST_VOLTS:
+    if volts.max() > _MOST_VOLTS and float(np.median(volts[volts > NO_VOLTAGE])) > _MOST_VOLTS:
         return [_voltage(record, float(volts.max()))]  # every other scale is one per volt
     scales = kept(record.run, "scales", lambda: scales_of(record, noise_only))
     geometry = per_dimensions(actuator)

@@ -55,11 +55,12 @@ def check_together(runs: Sequence[Run]) -> tuple[Finding, ...]:
     """
     records = [_with_rows_of_gaps(Record.of(run)) for run in runs]
     found: list[Finding] = []
+    contents = [record.run.content_sha256 for record in records]
     for (first, one), (second, other) in itertools.combinations(enumerate(records), 2):
         ids = {record.run.metadata.sample.id for record in (one, other) if record.run.metadata.sample}
         if len(ids) > 1:
             continue
-        if one.run.content_sha256 == other.run.content_sha256:
+        if contents[first] == contents[second]:
             found.append(_twice(_name(one, first), _name(other, second), (first, second)))
         else:
             found += _compare(first, one, second, other)

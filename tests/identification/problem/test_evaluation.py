@@ -48,6 +48,13 @@ def test_values_whose_squares_overflow_have_a_triangle_all_the_same() -> None:
     assert large.cost == np.inf
 
 
+def test_long_rows_have_the_triangle_of_their_qr() -> None:
+    """Their products are taken a stretch at a time."""
+    rows = np.random.default_rng(20261121).standard_normal((12, 30_001))
+    found = np.linalg.qr(rows.T, mode="r")
+    np.testing.assert_allclose(Evaluation(rows).triangle, found * np.sign(found.diagonal())[:, None], atol=1e-10)
+
+
 def test_a_foreign_run_that_begins_at_rest_after_all_is_read_from_rest() -> None:
     """Its start was free in the fit before; its edges still are, and they may lie before its first row."""
     strip = load_actuator("friend-2")

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from ipmclab.fit.fit import Fit
-from ipmclab.identification.problem.earlier_fit import fitted_runs
+from ipmclab.fit.observation import Observation
 from ipmclab.identification.problem.free_run import predict, seen_from_sensor
 from ipmclab.identification.problem.in_state import rates_of, strip_in_state
-from ipmclab.identification.problem.record import PreparedRun
+from ipmclab.identification.problem.record import PreparedRun, own_endings, own_values
 from ipmclab.model import Actuator
 from ipmclab.model.stages.laser import blank_lost
 from ipmclab.model.validity import validity
@@ -29,24 +28,22 @@ def beyond_findings(fit: Fit, records: Sequence[PreparedRun]) -> list[Finding]:
     Parameters
     ----------
     fit : Fit
-        With its fitted actuator and that one's ``fit_table``.
     records : sequence of PreparedRun
     """
-    of_runs = fitted_runs(fit.actuator.fit_table)
+    values = {name: one.value for name, one in fit.parameters.items()}
     found = []
-    for record, observation in zip(records, fit.observations, strict=True):
-        entry = of_runs[observation.content_sha256]
-        own = entry["parameters"]
+    for place, (record, observation) in enumerate(zip(records, fit.observations, strict=True)):
+        own = own_values(values, own_endings(place, observation.mounting))
         model = seen_from_sensor(fit.actuator.replace(**own) if own else fit.actuator, record.series_resistance)
         if observation.state is not None:
             model = strip_in_state(model, observation.state, rates_of(fit))
         added = observation.drift.get("displacement", 0.0)
-        for finding in validity(model, _answer(model, record, entry, added), record.run.metadata.signal):
+        for finding in validity(model, _answer(model, record, observation, added), record.run.metadata.signal):
             if any(one.code == finding.code and one.message.startswith(f"{record.label}: ") for one in fit.findings):
                 continue
             moved = bool(record.readings.keys() & {"displacement", "force"})
             noted = finding.code == "resonance-aliased" or (finding.code == "near-resonance" and not moved)
-            drift = added if finding.code == "large-bending" and not entry["initial_state"] else 0.0
+            drift = added if finding.code == "large-bending" and not observation.initial_state else 0.0
             found.append(
                 replace(
                     finding,
@@ -60,14 +57,14 @@ def beyond_findings(fit: Fit, records: Sequence[PreparedRun]) -> list[Finding]:
     return found
 
 
-def _answer(model: Actuator, record: PreparedRun, entry: Mapping[str, Any], drift: float) -> Run:
+def _answer(model: Actuator, record: PreparedRun, read: Observation, drift: float) -> Run:
     """The run as the fitted actuator predicts it, as far as the fit read it, with a drift of its sensor [SI/s]."""
     run, reading = record.run, record.readings.get("displacement")
     if reading is None:
         return Run(time=run.time, voltage=run.voltage, hold=run.hold)
-    every = np.array(predict(model, record, ["displacement"], entry["delay"], entry["initial_state"]))
+    every = np.array(predict(model, record, ["displacement"], read.delay, read.initial_state))
     blank_lost(every, ["displacement"], model.parameter_values, kept=reading.exact)
-    if entry["initial_state"]:
+    if read.initial_state:
         # A slow start and the zero and the drift of a sensor cancel each other to any size: what is known is how far
         # the readings moved.
         every += drift * (run.time - run.time[0])

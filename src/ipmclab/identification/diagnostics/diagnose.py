@@ -60,9 +60,11 @@ def diagnose(
 
 def _fixed_motion(actuator: Actuator, names: FreeParameters, read: Sequence[str]) -> str:
     """The fixed values on which the motion rests, where it is fitted: wrong ones leave what a missing stage leaves."""
+    if not {"displacement", "force"} & set(read):
+        return ""
     coupling = in_group(MOTION, actuator.parameter_values)
     fixed = [name for name in coupling if name not in names.actuator]
-    if not fixed or not {"displacement", "force"} & set(read):
+    if not fixed:
         return ""
     return f"{MOTION}.*" if fixed == coupling else ", ".join(fixed)
 

@@ -13,6 +13,7 @@ FloatArray = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
 INDEPENDENT: Final = 1e-3  # part of a scaled column that the ones before it do not imitate
+_MULTIPLIED: Final = 1_000_000  # multiplications, up to which OpenBLAS takes matrices as they lie
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +63,7 @@ class Evaluation:
         products = np.empty((len(self.rows), len(self.rows)))
         # A search may try values at which squares overflow: then there is no factor.
         with np.errstate(over="ignore", invalid="ignore"):
-            products[:-1] = self.rows[:-1] @ self.rows.T
+            products[:-1] = sum(self.rows[:-1, some] @ self.rows[:, some].T for some in self._stretches)
             products[-1, :-1] = products[:-1, -1]
             products[-1, -1] = self.cost
             size = np.sqrt(np.maximum(products.diagonal(), 1e-300))
@@ -78,6 +79,12 @@ class Evaluation:
         found = np.triu(dgeqrf(self.rows.T)[0][: len(self.rows)])
         products[: len(found)], products[len(found) :] = found, 0.0
         return products
+
+    @property
+    def _stretches(self) -> list[slice]:
+        """The residuals, so many together that OpenBLAS multiplies them in place: more take it twice the time each."""
+        total, some = self.rows.shape[1], max(_MULTIPLIED // len(self.rows) ** 2, 1)
+        return [slice(begin, begin + some) for begin in range(0, max(total, 1), some)]
 
     @cached_property
     def spectrum(self) -> tuple[FloatArray, FloatArray]:

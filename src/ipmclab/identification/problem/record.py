@@ -6,10 +6,10 @@ What stands here belongs to one run, never to the sample.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -28,6 +28,7 @@ from ipmclab.strip_state.run_state import RunState
 
 FloatArray = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
+_Kept = TypeVar("_Kept")
 
 READ_OUTPUTS: Final = ("current", "displacement", "force")
 """Channels that are data. The node voltage of a simulated run is not: no bench measures it."""
@@ -149,6 +150,14 @@ class PreparedRun:
         duration = 1.0 if what == "offset" else float(self.run.time[-1] - self.run.time[0])
         # What is known to rounding needs no holding.
         return (least, most) if (most - least) * duration > _EXACT * largest else (-math.inf, math.inf)
+
+    def keep(self, key: Hashable, make: Callable[[], _Kept]) -> _Kept:
+        """What a computation works out of this record once, under a key of its own."""
+        kept: dict[Hashable, Any] = self.__dict__.setdefault("_kept", {})
+        if key not in kept:
+            kept[key] = make()
+        found: _Kept = kept[key]
+        return found
 
     @cached_property
     def period(self) -> float:

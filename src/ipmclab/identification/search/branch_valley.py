@@ -46,26 +46,29 @@ class Tied:
 
     def __init__(self, problem: Solvable, free: int, tied: int, total: float) -> None:
         self._problem, self._free, self._tied, self._total = problem, free, tied, total
+        self._others = np.delete(np.arange(len(problem.lower)), tied)
+        self._rows = np.append(self._others, len(problem.lower))
         lower, upper = problem.lower.copy(), problem.upper.copy()
         lower[free] = max(lower[free], total - upper[tied])
         upper[free] = min(upper[free], total - lower[tied])
-        self.lower, self.upper = np.delete(lower, tied), np.delete(upper, tied)
-        self.linear, self.added = np.delete(problem.linear, tied), np.delete(problem.added, tied)
+        self.lower, self.upper = lower[self._others], upper[self._others]
+        self.linear, self.added = problem.linear[self._others], problem.added[self._others]
 
     def full(self, theta: FloatArray) -> FloatArray:
         """The vector of the whole problem."""
-        found = np.insert(theta, self._tied, 0.0)
-        found[self._tied] = self._total - found[self._free]
+        found = np.full(len(theta) + 1, self._total)
+        found[self._others] = theta
+        found[self._tied] -= found[self._free]
         return found
 
     def reduced(self, theta: FloatArray) -> FloatArray:
         """The vector of the others."""
-        return np.delete(theta, self._tied)
+        return theta[self._others]
 
     def evaluate(self, theta: FloatArray) -> Evaluation:
         """Residuals and Jacobian of the others."""
         whole = self._problem.evaluate(self.full(theta))
-        rows = np.delete(whole.rows, self._tied, axis=0)
+        rows = whole.rows[self._rows]
         rows[self._free - (self._free > self._tied)] -= whole.rows[self._tied]
         return Evaluation(rows, whole.beforehand)
 

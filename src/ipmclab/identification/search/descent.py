@@ -213,7 +213,7 @@ def weigh(problem: Problem, solution: Solution) -> tuple[Problem, Solution]:
     for _ in range(_WEIGHED_AGAIN):
         own = _OwnWeights(problem)
         solution = settled(own, replace(solution, evaluation=own.weighed(solution.theta, solution.evaluation)))
-        here = problem.evaluate(solution.theta)
+        here = own.unweighed(solution.theta)
         noise = found_noise(problem, here)
         solution = replace(solution, evaluation=problem.weighed(solution.theta, here, noise))
         problem = problem.with_noise(noise)
@@ -228,12 +228,18 @@ class _OwnWeights:
 
     def __init__(self, problem: Problem) -> None:
         self._problem = problem
+        self._latest: tuple[bytes, Evaluation] | None = None
         self.lower, self.upper = problem.lower, problem.upper
-        self.linear, self.added = problem.linear, problem.added
 
     def evaluate(self, theta: FloatArray) -> Evaluation:
         """Residuals and Jacobian under the weights of that point."""
-        return self.weighed(theta, self._problem.evaluate(theta))
+        return self.weighed(theta, self.unweighed(theta))
+
+    def unweighed(self, theta: FloatArray) -> Evaluation:
+        """Those of the problem itself; steps mostly end where they were last."""
+        if self._latest is None or self._latest[0] != theta.tobytes():
+            self._latest = theta.tobytes(), self._problem.evaluate(theta)
+        return self._latest[1]
 
     def weighed(self, theta: FloatArray, here: Evaluation) -> Evaluation:
         """An evaluation of the problem itself, as one of this."""

@@ -96,9 +96,10 @@ def motion_of_another_coupling(
     outputs : collection of str
         Those that are read for a series resistance alone.
     """
-    if not any("current" in record.readings for record in problem.records):
-        return []
     read = [output for record in problem.records for output in record.readings]
+    asked = sorted(set(outputs) & set(read))
+    if not asked or "current" not in read:
+        return []
     nothing = [finding.channel for finding in unexplained(problem, left_of, beside_drift=True)]
     return [
         Finding(
@@ -108,8 +109,8 @@ def motion_of_another_coupling(
             "free the coupling too: --free electrical,circuit.sheet_resistance,coupling",
             channel=output,
         )
-        for output in sorted(outputs)
-        if output in read and nothing.count(output) == read.count(output)
+        for output in asked
+        if nothing.count(output) == read.count(output)
     ]
 
 

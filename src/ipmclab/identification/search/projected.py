@@ -48,6 +48,8 @@ class Projected:
 
     def evaluate(self, theta: FloatArray) -> Evaluation:
         """Residuals and Jacobian of the others, what the linear entries can follow taken out."""
+        from scipy.linalg import qr
+
         linear = self._linear
         point = self._last.copy()
         point[linear] += self._follow @ (theta - point[~linear])
@@ -61,7 +63,10 @@ class Projected:
             size = np.abs(rows).max(axis=1)
             unfelt = size <= UNFELT * np.abs(here.rows[:-1]).max()
             size[unfelt] = np.inf
-            turn, singular, basis = np.linalg.svd(rows / size[:, None], full_matrices=False)
+            # The rows lie as LAPACK wants them turned: this takes a fifth of the time of their singular values.
+            across, triangle = qr((rows / size[:, None]).T, mode="economic", overwrite_a=True, check_finite=False)
+            turn, singular, basis = np.linalg.svd(triangle.T)
+            basis = basis @ across.T
             kept = singular > _PARALLEL * singular.max(initial=0.0)
             along = others @ basis[kept].T
             back = turn[:, kept] / singular[kept] / size[:, None]
@@ -75,7 +80,7 @@ class Projected:
         self._last, self._follow = point, -back @ along[:-1].T
         left = others - along @ basis[kept]
         # What the linear entries imitate altogether is not felt: the rounding of its column would be.
-        imitated = np.linalg.norm(left[:-1], axis=1) <= STRUCTURAL * np.linalg.norm(others[:-1], axis=1)
+        imitated = np.vecdot(left[:-1], left[:-1]) <= STRUCTURAL**2 * np.vecdot(others[:-1], others[:-1])
         left[:-1][imitated] = 0.0
         return Evaluation(left, here.beforehand)
 

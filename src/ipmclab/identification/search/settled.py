@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.identification.problem.evaluation import Evaluation, Solvable
+from ipmclab.identification.problem.evaluation import Evaluation, Searched, Solvable
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.search.solve import AT_BOUND, HARDLY, MOST_STEPS, Pinned, Solution, farthest, polish
 from ipmclab.identification.search.tangent import gauss_newton, null_directions, with_others
@@ -24,7 +24,7 @@ _IN_VAIN: Final = 3  # steps in a row that come no nearer
 _ALIKE: Final = 1e-8  # of the largest: steps that tell no more than those before
 
 
-def settled(problem: Solvable, solution: Solution) -> Solution:
+def settled(problem: Searched, solution: Solution) -> Solution:
     """The minimum itself, wherever near it a search has stopped.
 
     A search ends where nothing is left to gain. How near that is to the minimum hangs on its path, and that on the
@@ -56,7 +56,7 @@ def settled_with_unfelt_held(problem: Solvable, solution: Solution) -> Solution:
     return pinned.in_full(settled(pinned, settled_with_unfelt_held(pinned, start)))
 
 
-def settled_to(problem: Solvable, solution: Solution, ending: float) -> tuple[Solution, float]:
+def settled_to(problem: Searched, solution: Solution, ending: float) -> tuple[Solution, float]:
     """The same until a step is below so many standard errors; and how long the next one would be.
 
     Where the model is curved against large residuals, Gauss-Newton steps go too far or stop short by the same part
@@ -103,7 +103,7 @@ def _with_missed(
     return np.asarray(step - parts @ (ways + changes))
 
 
-def _step_within_bounds(problem: Solvable, theta: FloatArray, here: Evaluation) -> tuple[FloatArray, float]:
+def _step_within_bounds(problem: Searched, theta: FloatArray, here: Evaluation) -> tuple[FloatArray, float]:
     """A Gauss-Newton step that leaves no bound, and its length in standard errors."""
     step, _ = gauss_newton(here)
     trial = theta + step

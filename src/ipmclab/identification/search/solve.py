@@ -46,14 +46,16 @@ class Pinned:
 
     def __init__(self, problem: Solvable, place: int, entry: float) -> None:
         self._problem, self._place, self._entry = problem, place, entry
-        self.lower, self.upper = np.delete(problem.lower, place), np.delete(problem.upper, place)
-        self.linear, self.added = np.delete(problem.linear, place), np.delete(problem.added, place)
+        self._others = np.delete(np.arange(len(problem.lower)), place)
+        self._rows = np.append(self._others, len(problem.lower))
+        self.lower, self.upper = problem.lower[self._others], problem.upper[self._others]
+        self.linear, self.added = problem.linear[self._others], problem.added[self._others]
         self._latest: tuple[bytes, Evaluation] | None = None
 
     def evaluate(self, theta: FloatArray) -> Evaluation:
         """Residuals and Jacobian of the others."""
-        full = self._whole(np.insert(theta, self._place, self._entry))
-        return Evaluation(np.delete(full.rows, self._place, axis=0), full.beforehand)
+        full = self._whole(self._with_held(theta))
+        return Evaluation(full.rows[self._rows], full.beforehand)
 
     def follow(self, theta: FloatArray, here: Evaluation, settled: float) -> tuple[Solution, float]:
         """The others from a point with another entry, by Gauss-Newton steps as far as these lead.
@@ -94,13 +96,19 @@ class Pinned:
             best, lowest, left = theta, here.cost, with_others(here, [self._place], [0.0])[1]
             if left <= settled:
                 break
-        others = np.delete(best, self._place)
+        others = best[self._others]
         return Solution(others, self.evaluate(others), left <= settled, _REASONS[2], spent), left
 
     def in_full(self, solution: Solution) -> Solution:
         """A solution as a point of the problem, with the entry that was held."""
-        theta = np.insert(solution.theta, self._place, self._entry)
+        theta = self._with_held(solution.theta)
         return replace(solution, theta=theta, evaluation=self._whole(theta))
+
+    def _with_held(self, theta: FloatArray) -> FloatArray:
+        """All entries."""
+        found = np.full(len(theta) + 1, self._entry)
+        found[self._others] = theta
+        return found
 
     def _whole(self, theta: FloatArray) -> Evaluation:
         """The problem there; a search mostly ends where it was last."""

@@ -131,11 +131,10 @@ class _Table:
         upper = np.append(np.full(self.count, math.log(fastest)), self.pairs * [math.log(fastest), angles[1]])
         return lower, upper
 
-    def moved(self, linear: FloatArray, position: FloatArray) -> FloatArray:
+    def moved(self, linear: FloatArray, poles: FloatArray, above: ComplexArray) -> FloatArray:
         """How the model moves along each entry of a position: a mix of the slope rows, shape (span, n_entry)."""
-        poles, above = self.poles(position)
         weights = linear[self.common :].reshape(self._blocks, self.width)
-        chosen = np.zeros((self._blocks, self.width, len(position)))
+        chosen = np.zeros((self._blocks, self.width, self._blocks))
         real = np.arange(self.count)
         chosen[real, :, real] = weights[: self.count] * poles[:, None]
         for pole in above:
@@ -143,7 +142,7 @@ class _Table:
             for entry, way in enumerate((pole, 1j * pole), start=self.count):
                 chosen[self.count, :, entry] = at * way.real + below * way.imag
                 chosen[self.count + 1, :, entry] = below * way.real - at * way.imag
-        return chosen.reshape(self.span, len(position))
+        return chosen.reshape(self.span, self._blocks)
 
     def fit(self, position: FloatArray, linear: FloatArray, cost: float) -> PoleFit:
         """A position of the search and its weights as poles and residues, the fastest first."""
@@ -240,7 +239,8 @@ def _descend(table: _Table, position: FloatArray, steps: int = _AT_LENGTH) -> Po
     lower, upper = table.limits()
 
     def measure(position: FloatArray) -> tuple[float, FloatArray, FloatArray, FloatArray, FloatArray]:
-        products = table.gram(*table.poles(position))
+        poles = table.poles(position)
+        products = table.gram(*poles)
         gram, right = products[linear_rows, linear_rows], products[linear_rows, 0]
         # Poles that have met share a column, and a response that no reading sees is a column of zeros.
         inverse = pseudo_inverse(gram)
@@ -249,7 +249,7 @@ def _descend(table: _Table, position: FloatArray, steps: int = _AT_LENGTH) -> Po
         # where poles meet, on which side they part again hangs on it.
         linear += inverse @ (table.rows[linear_rows] @ (table.rows[0] - linear @ table.rows[linear_rows]))
         left = table.rows[0] - linear @ table.rows[linear_rows]
-        chosen = table.moved(linear, position)
+        chosen = table.moved(linear, *poles)
         mixed = products[linear_rows, slope_rows] @ chosen
         moved = chosen.T @ products[slope_rows, slope_rows] @ chosen
         curvature = moved - mixed.T @ inverse @ mixed

@@ -181,14 +181,6 @@ class _AtRecord:
         below, above = (self.at(theta, **{name: end}) for end in ends)
         return _Neighbours(below, above, ends[1] - ends[0])
 
-    def slopes(self, neighbours: Sequence[_Neighbours]) -> list[dict[str, float]]:
-        """Derivatives of the quantities; none of one that does not exist on both sides, or where these are one."""
-        found = self.quantities([point for one in neighbours for point in (one.below, one.above)])
-        return [
-            {name: (above[name] - value) / one.width for name, value in below.items() if name in above and one.width}
-            for one, below, above in zip(neighbours, found[::2], found[1::2], strict=True)
-        ]
-
 
 class _Neighbours(NamedTuple):
     """The parameters on both sides of one of them, and how far these are apart."""
@@ -196,6 +188,13 @@ class _Neighbours(NamedTuple):
     below: Mapping[str, float]
     above: Mapping[str, float]
     width: float
+
+    def slopes(self, below: Mapping[str, float], above: Mapping[str, float]) -> dict[str, float]:
+        """Derivatives of the quantities on both sides; none of one that does not exist on both, or where these are
+        one."""
+        return {
+            name: (above[name] - value) / self.width for name, value in below.items() if name in above and self.width
+        }
 
 
 def _known_at(point: Point, at_record: _AtRecord) -> dict[str, Known]:
@@ -208,21 +207,25 @@ def _known_at(point: Point, at_record: _AtRecord) -> dict[str, Known]:
     moved = [at_record.along(theta, place) for place, _ in problem.asked]
     variances = [point.stated[name][name] if name in stated else 0.0 for name in held]
     fixed = [at_record.along_fixed(theta, name, base[name], one) for name, one in zip(held, variances, strict=True)]
-    every = at_record.slopes([*moved, *fixed])
-    own, of_held = every[: len(moved)], every[len(moved) :]
+    neighbours = [*moved, *fixed]
     others = [rival.vector_of(problem.unknowns, theta) for rival in point.rivals]
-    here, *elsewhere = at_record.quantities([base, *(at_record.at(one) for one in (*others, *point.ends))])
+    there = [base, *(at_record.at(one) for one in (*others, *point.ends))]
+    every = at_record.quantities([*there, *(side for one in neighbours for side in (one.below, one.above))])
+    here, *elsewhere = every[: len(there)]
+    sides = every[len(there) :]
+    slopes = [one.slopes(*both) for one, *both in zip(neighbours, sides[::2], sides[1::2], strict=True)]
+    own, of_held = slopes[: len(moved)], slopes[len(moved) :]
     follows = np.array([found.slopes[name] for name in held]).reshape(len(held), len(own))
     together = np.array([[point.stated[one][other] for other in stated] for one in stated])
     together = together.reshape(len(stated), len(stated))
     quantities_found = {}
     for name, value in here.items():
         scale = 1.0 if derived(name).positive else max(abs(value), 1e-300)
-        free = np.array([one.get(name, math.nan) for one in own])
-        direct = np.array([one.get(name, math.nan) for one in of_held])
-        there = [one.get(name, math.nan) for one in elsewhere]
-        if not all(np.all(np.isfinite(numbers)) for numbers in (free, direct, there)):
+        numbers = [one.get(name, math.nan) for one in (*own, *of_held, *elsewhere)]
+        if not all(map(math.isfinite, numbers)):
             continue
+        free, direct = np.array(numbers[: len(own)]), np.array(numbers[len(own) : len(slopes)])
+        also = numbers[len(slopes) :]
         if np.all(np.abs(free) <= _ROUNDING * scale) or np.any(np.abs(found.null @ free) > MOVED * scale):
             continue
         of_stated = direct[: len(stated)]
@@ -234,7 +237,7 @@ def _known_at(point: Point, at_record: _AtRecord) -> dict[str, Known]:
         moves = np.abs(follows @ free + direct)[len(stated) :] * [0.01 * abs(base[name]) for name in exact]
         affected = moves > max(reach, MOVED * scale)
         leans = tuple(exact[k] for k in largest_first(moves) if affected[k]) if affected.any() else ()
-        as_good, ends = [value, *there[: len(others)]], there[len(others) :]
+        as_good, ends = [value, *also[: len(others)]], also[len(others) :]
         low, high = min(min(as_good) - reach, *ends, value), max(max(as_good) + reach, *ends, value)
         quantities_found[name] = Known(name, _value(name, value), (_value(name, low), _value(name, high)), leans)
     return quantities_found

@@ -9,6 +9,8 @@ answers and slopes, however many parameters there are. An initial state does as 
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -44,7 +46,8 @@ class Slopes(NamedTuple):
     d_d: FloatArray
 
 
-class Modes(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Modes:
     """The modes of a system, and how they change.
 
     Parameters
@@ -96,7 +99,12 @@ class Modes(NamedTuple):
         mixed = change / apart
         return cls(slopes, poles, seen, slopes.c @ own, slopes.d_c @ own, mixed, moved)
 
-    def weights(self, driven: ComplexArray, d_driven: ComplexArray) -> ComplexArray:
+    @cached_property
+    def by_voltage(self) -> ComplexArray:
+        """The weights of what the voltage drives: all runs of a strip share them."""
+        return self.weights(self.left @ self.slopes.b, self.slopes.d_b @ self.left.T)
+
+    def weights(self, driven: ComplexArray, d_driven: ComplexArray | FloatArray) -> ComplexArray:
         """What makes the derivatives of outputs of the poles' answers and slopes.
 
         Parameters
@@ -151,21 +159,20 @@ def modal_tangents(
         """By real and imaginary parts of the answers; without those that are 0."""
         return [weights.real, -weights.imag[..., is_pair]]
 
-    def by_drive(drive: FloatArray, d_drive: FloatArray) -> list[FloatArray]:
-        weights = modes.weights(modes.left @ drive, d_drive @ modes.left.T)
+    def of_each(weights: ComplexArray) -> list[FloatArray]:
         return of_kept(weights[..., np.concatenate([kept, n + kept])] * times)
 
     def answered(drive: FloatArray, answers: ComplexArray) -> tuple[FloatArray, FloatArray]:
-        """The outputs, of what the poles answer to a drive, and the sum of the sizes of that."""
+        """The outputs, of what the poles answer to a drive, and the sum of the sizes of that, by its larger parts."""
         own = modes.read[:, kept] * (modes.left[kept] @ drive) * times[: len(kept)]
         each = answers[: len(kept)]
-        return (own @ each).real, np.abs(own) @ np.abs(each).max(axis=1, initial=0.0)
+        return (own @ each).real, np.abs(own) @ np.abs(each.view(np.float64)).max(axis=1, initial=0.0)
 
     voltage = _answers(modes.poles[kept], line, 0.0)
     values, sizes = answered(given.b, voltage)
     values += given.d[:, None] * line.reading
     courses = [line.reading[None], voltage.real, voltage.imag[is_pair]]
-    by_parameters = [given.d_d.T[:, :, None], *by_drive(given.b, given.d_b)]
+    by_parameters = [given.d_d.T[:, :, None], *of_each(modes.by_voltage)]
     by_initial = [np.zeros((outputs, n, 0))]
     moves = bool(np.any(state))
     if moves or by_states:
@@ -174,7 +181,7 @@ def modal_tangents(
     if moves:  # at rest it stays out of the sum: with more terms, though they are 0, that rounds otherwise
         from_state, more = answered(state, free)
         values, sizes = values + from_state, sizes + more
-        by_parameters += by_drive(state, np.zeros((len(given.d_b), n)))
+        by_parameters += of_each(modes.weights(modes.left @ state, np.zeros((len(given.d_b), n))))
     if by_states:
         sees = np.zeros((outputs, n, 2 * len(kept)), dtype=np.complex128)
         seen = modes.read[:, kept, None] * modes.left[kept] * times[: len(kept), None]

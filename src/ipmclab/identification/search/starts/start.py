@@ -157,7 +157,7 @@ def _only_electrical(actuator: Actuator, free: set[str], records: Sequence[Prepa
 def _allowed(actuator: Actuator, values: Mapping[str, float]) -> dict[str, float]:
     parameters = actuator.parameters()
     return {
-        name: float(np.clip(value, parameters[name].lower, parameters[name].upper)) for name, value in values.items()
+        name: min(max(float(value), parameters[name].lower), parameters[name].upper) for name, value in values.items()
     }
 
 

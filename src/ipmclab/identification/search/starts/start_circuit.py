@@ -66,6 +66,15 @@ def find_circuit(
     series : float [ohm] or None
         Electrodes and contact, where they are known: they tell which delays belong to a circuit that can exist.
     """
+    first, *others = records
+    # A fit asks once; each stage that it is then tried with asks the same again.
+    return first.keep((*others, branches, series), lambda: _found(records, branches, series))
+
+
+def _found(
+    records: Sequence[PreparedRun], branches: int, series: float | None
+) -> tuple[Admittance, dict[int, EdgeDelay]]:
+    """``find_circuit``"""
     delays = {record.place: record.at_its_rows for record in records if record.delay_is_free}
     timed = [record for record in records if not record.delay_is_free]
     # Each by itself: beside another whose edges are no better known it would only seem to be located.
