@@ -51,8 +51,7 @@ def find_minima(
             where="runs",
             repair="record longer, with steps that the readings answer to",
         )
-    problem, solution, minima = _search(actuator, parameters, names, records, points)
-    return *weigh(problem, solution), minima
+    return _search(actuator, parameters, names, records, points)
 
 
 def _points(
@@ -103,13 +102,17 @@ def _search(
     tried += [(problem, other) for other in found if other is not solution]
     solution = found[0]
     stage("looking for other fits that are as good", 0.4, 0.5, 300)
-    valley = along_valleys(actuator, names, problem, solution)
-    lowest = _lowest_of(problem, solution, valley)
-    if lowest is not solution:
-        walked = Valley(problem, solution, tuple(valley))
-        solution, valley = lowest, along_valleys(actuator, names, problem, lowest, walked)
-    spent = [*(other for _, other in tried), *(place.solution for place in valley)]
-    solution = replace(solution, evaluations=sum(other.evaluations for other in spent))
+    # A valley is walked under the weights of the fit, to be the same one when its places are asked again.
+    weighed, best = weigh(problem, solution)
+    valley = along_valleys(actuator, names, weighed, best)
+    lowest = _lowest_of(weighed, best, valley)
+    if lowest is not best:
+        walked = Valley(weighed, best, tuple(valley))
+        weighed, best = weigh(weighed, lowest)
+        valley = along_valleys(actuator, names, weighed, best, walked)
+        solution = replace(best, evaluation=problem.evaluate(best.theta))
+    spent = [*(other for _, other in tried if other is not found[0]), *(place.solution for place in valley), best]
+    best = replace(best, evaluations=sum(other.evaluations for other in spent))
     per_reading = solution.evaluation.cost / len(solution.evaluation.residual)
     allowed = solution.evaluation.cost + AS_GOOD * per_reading
     rivals = [
@@ -122,8 +125,8 @@ def _search(
         higher = [one for one in tried if one[1].evaluation.cost > allowed]
         rivals += [r for one in higher if (r := without_doublet(lowest_one, one, actuator)) is not None]
     ends = [Rival.of(of, other.theta) for of, other in tried] if explore else []
-    walked = Valley(problem, solution, tuple(valley))
-    return problem, solution, Minima(tuple(rivals), allowed_places(problem, solution, valley), tuple(ends), walked)
+    walked = Valley(weighed, best, tuple(valley))
+    return weighed, best, Minima(tuple(rivals), allowed_places(weighed, best, valley), tuple(ends), walked)
 
 
 def _lowest_of(problem: Problem, solution: Solution, valley: Sequence[Place]) -> Solution:
