@@ -29,22 +29,19 @@ from ipmclab.identification.search.assumed import (
     zero_kept,
 )
 from ipmclab.identification.search.descent import (
-    SHORTLY,
-    minimum,
     minimum_from,
     settled_nearest,
     start_with_fewer,
-    to_the_end,
     weigh,
 )
 from ipmclab.identification.search.doublet import has_doublet
 from ipmclab.identification.search.doubts import contradicted_currents
+from ipmclab.identification.search.everywhere import Everywhere
 from ipmclab.identification.search.lowest import find_minima
 from ipmclab.identification.search.pose import need_as_many_readings, without_leak
 from ipmclab.identification.search.rest import could_be_zero, not_at_rest
 from ipmclab.identification.search.settled import settled_with_unfelt_held
 from ipmclab.identification.search.solve import Solution
-from ipmclab.identification.search.starts.usual import usual_coupling
 from ipmclab.identification.search.tangent import entry_errors, null_directions
 from ipmclab.identification.search.valleys import Minima, Rival
 from ipmclab.identification.solved import Estimate
@@ -69,7 +66,8 @@ def estimate(actuator: Actuator, names: FreeParameters, records: Sequence[Prepar
     problem, solution, minima, given_up = _least_squares(actuator, parameters, names, records)
     rivals = (*minima.rivals, *minima.along)
     stage("finding the noise in what the fit leaves", 0.5, 0.7, 1000)
-    noisy = partial(_noisy, names=names, ends=minima.ends)
+    everywhere = Everywhere(minima.ends)
+    noisy = partial(_noisy, names=names, everywhere=everywhere)
     under, other = noisy(problem, solution)
     resting = _at_rest_after_all(under, given_up)
     if resting:
@@ -106,8 +104,10 @@ def estimate(actuator: Actuator, names: FreeParameters, records: Sequence[Prepar
             if not has_doublet(problem.values(solution.theta, problem.records[0].place)):
                 # What stood beside a doublet of least squares is now asked for itself.
                 rivals = tuple(replace(rival, reach=dict.fromkeys(rival.reach, 0.0)) for rival in rivals)
-        asked = [*rivals, *minima.ends, *_usual(problem, solution, minima.ends)]
-        rivals = still_rivals(problem, solution, asked, under.inflation)
+        ends, is_searched = everywhere.ended(problem, solution)
+        others = [rival for rival in rivals if rival not in minima.ends]
+        rivals = still_rivals(problem, solution, others, under.inflation)
+        rivals += still_rivals(problem, solution, ends, under.inflation, is_searched=is_searched)
         if other is not None:
             reach = NORMAL_95 * entry_errors(other.solution.evaluation)
             rivals += (Rival.of(problem, other.solution.theta, reach),)
@@ -164,30 +164,11 @@ def _at_rest_after_all(under: Correlated, places: Set[int]) -> dict[int, list[in
 
 
 def _noisy(
-    problem: Problem, solution: Solution, names: FreeParameters, ends: Sequence[Rival]
+    problem: Problem, solution: Solution, names: FreeParameters, everywhere: Everywhere
 ) -> tuple[Correlated, Correlated | None]:
     """The noise of a fit, the fit under it where that predicts as well; and another fit that is as good."""
-    least = with_noise(problem, solution, assumed_zeros(problem, names), partial(_least, ends=ends))
-    return weighted(least, partial(_from_everywhere, ends=ends), partial(_from_everywhere, ends=()))
-
-
-def _least(problem: Problem, near: Solution, ends: Sequence[Rival]) -> tuple[Problem, Solution]:
-    """Least squares with zeros and slopes: without them the lowest minimum may be one that follows the drift."""
-    return weigh(*_from_everywhere(problem, near, ends))
-
-
-def _from_everywhere(problem: Problem, near: Solution, ends: Sequence[Rival]) -> tuple[Problem, Solution]:
-    """The lowest minimum of a problem near one that was searched before, and from where those searches ended."""
-    first = minimum_from(problem, near)
-    starts = [end.vector_of(problem.unknowns, near.theta) for end in (*ends, *_usual(problem, near, ends))]
-    tried = [(problem, first), *((problem, minimum(problem, start, evaluations=SHORTLY)) for start in starts)]
-    return to_the_end(tried)[0] if starts else tried[0]
-
-
-def _usual(problem: Problem, near: Solution, ends: Sequence[Rival]) -> list[Rival]:
-    """Where a search from a usual strip would begin, where there may be several minima."""
-    theta = usual_coupling(problem, near.theta) if ends else None
-    return [] if theta is None else [Rival.of(problem, theta)]
+    least = with_noise(problem, solution, assumed_zeros(problem, names), everywhere.least)
+    return weighted(least, everywhere.lowest, Everywhere(()).lowest)
 
 
 def _without_stages(

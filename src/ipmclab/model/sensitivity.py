@@ -293,18 +293,21 @@ def _by_modes(point: _Point, line: Timeline, state: FloatArray, asked: Collectio
     if point.modes is None:
         return None
     at, _ = point.moves(line.durations, moved=False)
-    answered, courses, by_parameters, by_states = modal_tangents(point.modes, line, state, by_states="states" in asked)
+    wanted = {"by_states": "states" in asked, "by_delay": "delay" in asked}
+    found = modal_tangents(point.modes, line, state, **wanted)
     # The outputs themselves are those of every other way; for them alone it is as fast.
     values = outputs_along(at, line, state)
     # These must be the modes of this very matrix: where one small entry is all that drives a force, it may be rounding.
-    lost = np.abs(answered[0] - values).max(axis=1, initial=0.0)
-    if not np.all(lost <= _LOST * answered[1]):
+    lost = np.abs(found.values - values).max(axis=1, initial=0.0)
+    if not np.all(lost <= _LOST * found.sizes):
         return None
-    by_delay = np.zeros((len(values), len(courses)))
-    if "delay" in asked:
-        courses = np.concatenate([courses, _delay(point, at, line)])
-        by_delay = np.hstack([by_delay, np.eye(len(values))])
-    return Sensitivities(values, courses[None], by_parameters, by_states, by_delay)
+    courses, by_delay = found.courses, found.by_delay
+    if by_delay is None:
+        by_delay = np.zeros((len(values), len(courses)))
+        if "delay" in asked:
+            courses = np.concatenate([courses, _delay(point, at, line)])
+            by_delay = np.hstack([by_delay, np.eye(len(values))])
+    return Sensitivities(values, courses[None], found.by_parameters, found.by_initial, by_delay)
 
 
 def _delay(point: _Point, at: Matrices, line: Timeline) -> FloatArray:

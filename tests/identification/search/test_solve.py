@@ -69,6 +69,18 @@ def test_a_search_along_a_valley_without_an_end_ends_where_the_readings_tell_no_
     assert found.evaluation.cost < met + 1.0
 
 
+def test_a_search_that_falls_too_slowly_is_left_and_one_that_gets_there_is_not() -> None:
+    begin = np.array([100.0, -100.0, 100.0, 0.5, 0.0, -0.5])
+    first = Meeting().evaluate(begin).cost
+    whole = minimise(Meeting(), begin, evaluations=100)
+    left = minimise(Meeting(), begin, evaluations=100, fall=first)  # down to nothing, below all noise
+    assert not left.converged
+    assert "too slowly" in left.message
+    assert left.evaluations < whole.evaluations
+    far = first - 2.0 * whole.evaluation.cost
+    assert minimise(Meeting(), begin, evaluations=100, fall=far).evaluation.cost == whole.evaluation.cost
+
+
 @pytest.mark.parametrize("apart", [1e-2, 1e-3, 1e-4])
 def test_decays_that_nearly_meet_follow_as_well_as_apart(apart: float) -> None:
     """Their sizes are left out of the search: what they follow is known to a square of how far they lie apart."""

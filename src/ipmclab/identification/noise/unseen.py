@@ -120,6 +120,7 @@ def _is_sure(problem: Problem, solution: Solution, sizes: Sequence[int]) -> bool
 def _switched_off(
     problem: Problem, solution: Solution, columns: Sequence[int], sizes: Sequence[int]
 ) -> tuple[Problem, Solution]:
+    """The problem without a stage, and its minimum, or where it does not come down to where it predicts as well."""
     off = {problem.unknowns[column].base: 0.0 for column in sizes}
     left = [place for place in range(len(problem.unknowns)) if place not in set(columns)]
     smaller = problem.without(columns, off)
@@ -127,7 +128,8 @@ def _switched_off(
         theta = solution.theta[left]
         return smaller, Solution(theta, smaller.evaluate(theta), True, "nothing else is free", 1)
     here = start_with_fewer(problem, smaller, solution, columns)
-    return smaller, minimum_near(smaller, here.theta, here.evaluation, evaluations=100)
+    fall = here.evaluation.cost - _most(solution, len(columns))
+    return smaller, minimum_near(smaller, here.theta, here.evaluation, evaluations=100, fall=fall)
 
 
 def _predicts_less(solution: Solution, there: Solution, count: int) -> bool:
@@ -136,25 +138,31 @@ def _predicts_less(solution: Solution, there: Solution, count: int) -> bool:
     Noise that is slow enough describes whatever a stage explains. How sure its parameters are beside that, their
     intervals say.
     """
-    worse = there.evaluation.cost > WORSE**2 * solution.evaluation.cost
-    return worse and _lost_by_chance(solution, there, count, 1.0) < REJECT
+    return there.evaluation.cost > _most(solution, count)
+
+
+def _most(solution: Solution, count: int) -> float:
+    """The cost up to which a fit without so many parameters predicts as well."""
+    from scipy.special import chdtri
+
+    by_chance = float(chdtri(count, REJECT)) * _variance(solution)
+    return solution.evaluation.cost + max((WORSE**2 - 1.0) * solution.evaluation.cost, by_chance)
 
 
 def _chance(under: Correlated, solution: Solution, there: Solution, count: int) -> float:
     """How often noise alone would lose as much when the stage is left out."""
     # What was known beforehand of the stage is gone with it.
-    times = under.inflation(there.evaluation.of_readings - solution.evaluation.of_readings)
-    return _lost_by_chance(solution, there, count, times)
-
-
-def _lost_by_chance(solution: Solution, there: Solution, count: int, times: float) -> float:
-    """The same where noise moves the readings along the change so many times as much as white noise."""
     from scipy.special import chdtrc
 
-    power = solution.evaluation.cost
-    variance = power / max(len(solution.evaluation.residual) - len(solution.theta), 1) * times
-    lost = max(there.evaluation.cost - power, 0.0)
+    times = under.inflation(there.evaluation.of_readings - solution.evaluation.of_readings)
+    variance = _variance(solution) * times
+    lost = max(there.evaluation.cost - solution.evaluation.cost, 0.0)
     return float(chdtrc(count, lost / variance)) if variance > 0 else float(lost == 0.0)
+
+
+def _variance(solution: Solution) -> float:
+    """Of what is left of a reading."""
+    return solution.evaluation.cost / max(len(solution.evaluation.residual) - len(solution.theta), 1)
 
 
 def _unseen(name: str, unknowns: Sequence[Unknown], off: Mapping[str, float], chance: float) -> Unseen:

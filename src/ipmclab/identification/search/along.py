@@ -13,13 +13,12 @@ from ipmclab.fit.fit import DETERMINED
 from ipmclab.identification.problem.free import FreeParameters
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.problem.response import CircuitResponder
-from ipmclab.identification.search.as_good import AS_GOOD
 from ipmclab.identification.search.branch_valley import branch_valley
 from ipmclab.identification.search.descent import on_every_row, shorter
 from ipmclab.identification.search.solve import Pinned, Solution, descend
 from ipmclab.identification.search.starts.start import fastest_rate
 from ipmclab.identification.search.tangent import entry_errors
-from ipmclab.identification.search.valleys import EVALUATIONS, NEAR, Place, Valley
+from ipmclab.identification.search.valleys import AS_GOOD, EVALUATIONS, NEAR, Place, Valley
 from ipmclab.model import Actuator
 from ipmclab.model.declared import is_of_circuit
 from ipmclab.model.stages.circuit import DC, SERIES, slowest_branch

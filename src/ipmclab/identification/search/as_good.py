@@ -8,15 +8,13 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from ipmclab.identification.problem.evaluation import Evaluation
 from ipmclab.identification.problem.problem import Problem
-from ipmclab.identification.search.descent import SHORTLY, minimum_near
+from ipmclab.identification.search.descent import HOPE, SHORTLY, minimum_near
 from ipmclab.identification.search.solve import Solution
-from ipmclab.identification.search.valleys import Place, Rival
+from ipmclab.identification.search.valleys import AS_GOOD, Place, Rival
 
 FloatArray = npt.NDArray[np.float64]
-
-AS_GOOD: Final = 4.0
-"""Of chi-square: a minimum no higher than that is as good."""
 
 _SAME: Final = 1e-3  # of an entry: a search that ends so near found the same point
 
@@ -42,20 +40,35 @@ def allowed_places(
 
 
 def still_rivals(
-    problem: Problem, solution: Solution, rivals: Sequence[Rival], inflation: Inflation = _as_white
+    problem: Problem,
+    solution: Solution,
+    rivals: Sequence[Rival],
+    inflation: Inflation = _as_white,
+    *,
+    is_searched: bool = False,
 ) -> tuple[Rival, ...]:
-    """Those of other minima that are as good in another problem, where they lie then."""
+    """Those of other minima that are as good in another problem, where they lie then.
+
+    Where they are ends of searches of this problem (``is_searched``), one that was left there is left here too.
+    """
     per_reading = solution.evaluation.cost / len(solution.evaluation.residual)
     found = []
+
+    def is_as_good(other: Evaluation) -> bool:
+        times = inflation(other.residual - solution.evaluation.residual)
+        return other.cost <= solution.evaluation.cost + AS_GOOD * per_reading * times
+
     for rival in rivals:
         if any(rival.reach.values()):  # it need not be as good: the readings cannot tell it from the best
             found.append(rival)
             continue
         theta = rival.vector_of(problem.unknowns, solution.theta)
-        other = minimum_near(problem, theta, evaluations=SHORTLY)
+        here = problem.evaluate(theta)
+        if is_searched and here.cost > HOPE * solution.evaluation.cost and not is_as_good(here):
+            continue
+        other = minimum_near(problem, theta, here, evaluations=SHORTLY)
         if np.abs(other.theta - solution.theta).max(initial=0.0) < _SAME:
             continue
-        times = inflation(other.evaluation.residual - solution.evaluation.residual)
-        if other.evaluation.cost <= solution.evaluation.cost + AS_GOOD * per_reading * times:
+        if is_as_good(other.evaluation):
             found.append(Rival.of(problem, other.theta))
     return tuple(found)

@@ -16,7 +16,7 @@ from ipmclab.identification.problem.response import CircuitResponder
 from ipmclab.identification.search.settled import SETTLED, settle, settled, settled_to
 from ipmclab.identification.search.solve import PATIENCE, THERE, Shifted, Solution, descend, minimise, polish
 from ipmclab.identification.search.tangent import STRUCTURAL, known_beforehand, with_others
-from ipmclab.identification.search.valleys import NEAR
+from ipmclab.identification.search.valleys import AS_GOOD, NEAR
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -33,21 +33,21 @@ _SAME_NOISE: Final = 0.002  # relative: weights that are that near are the same 
 _WEIGHED_AGAIN: Final = 60  # times (a limit): of runs that disagree a fit that follows one more is led on by weights
 
 
-def minimum(problem: Problem, theta: FloatArray, *, evaluations: int = LONGEST) -> Solution:
+def minimum(problem: Problem, theta: FloatArray, *, evaluations: int = LONGEST, fall: float | None = None) -> Solution:
     """The minimum from a point, as near to it as readings can tell where each evaluation is costly.
 
     Means of the rows lead near it where they are fewer. From there all rows tell what their squares fall by and those
     of the means do not; means of readings that were moved by as much have their minimum nearer to it, and so on until
     all rows have nothing to add (Nash, A multigrid approach to discretized optimization problems, 2000).
+
+    A search that is to show by how much it falls is left where that would take too long (``solve.minimise``).
     """
-    means = problem.on_means
+    means, patience = problem.on_means, _patience(problem)
     if means is None:
-        return minimise(
-            problem, theta, evaluations=evaluations, tolerance=_tolerance(problem), patience=_patience(problem)
-        )
-    found = on_every_row(
-        problem, minimise(means, theta, evaluations=evaluations, tolerance=NEAR, patience=_patience(problem))
-    )
+        tolerance = _tolerance(problem)
+        return minimise(problem, theta, evaluations=evaluations, tolerance=tolerance, patience=patience, fall=fall)
+    near = minimise(means, theta, evaluations=evaluations, tolerance=NEAR, patience=patience, fall=fall)
+    found = on_every_row(problem, near)
     if not found.converged:
         return found
     for _ in range(_CORRECTED):
@@ -57,7 +57,7 @@ def minimum(problem: Problem, theta: FloatArray, *, evaluations: int = LONGEST) 
         corrected = Shifted(means, correction(means.evaluate(found.theta), found.evaluation))
         near = on_every_row(
             problem,
-            minimise(corrected, found.theta, evaluations=evaluations, tolerance=NEAR, patience=_patience(problem)),
+            minimise(corrected, found.theta, evaluations=evaluations, tolerance=NEAR, patience=patience),
         )
         near = replace(near, evaluations=near.evaluations + found.evaluations)
         hardly = _HARDLY * found.evaluation.cost / len(found.evaluation.residual)
@@ -68,22 +68,24 @@ def minimum(problem: Problem, theta: FloatArray, *, evaluations: int = LONGEST) 
         if fallen < 0.0:
             break  # so far from a minimum means are no guide
         found = near
-    last = minimise(
-        problem, found.theta, found.evaluation, evaluations=evaluations, tolerance=NEAR, patience=_patience(problem)
-    )
+    last = minimise(problem, found.theta, found.evaluation, evaluations=evaluations, tolerance=NEAR, patience=patience)
     return replace(last, evaluations=last.evaluations + found.evaluations)
 
 
 def minimum_near(
-    problem: Problem, theta: FloatArray, here: Evaluation | None = None, *, evaluations: int = LONGEST
+    problem: Problem,
+    theta: FloatArray,
+    here: Evaluation | None = None,
+    *,
+    evaluations: int = LONGEST,
+    fall: float | None = None,
 ) -> Solution:
     """The same from a point that is near it, by Gauss-Newton steps where these get there."""
     if problem.on_means is None:
-        return descend(
-            problem, theta, here, evaluations=evaluations, tolerance=_tolerance(problem), patience=_patience(problem)
-        )
+        tolerance, patience = _tolerance(problem), _patience(problem)
+        return descend(problem, theta, here, evaluations=evaluations, tolerance=tolerance, patience=patience, fall=fall)
     near = polish(problem, theta, here) if here is not None else None
-    return near or minimum(problem, theta, evaluations=evaluations)
+    return near or minimum(problem, theta, evaluations=evaluations, fall=fall)
 
 
 def settled_nearest(problem: Problem, solution: Solution, reference: FloatArray) -> Solution:
@@ -167,14 +169,14 @@ def to_the_end(
     longest = LONGEST
     for problem, solution in sorted(tried, key=_cost):
         if not solution.converged and solution.evaluation.cost < HOPE * best:
-            solution = _further(problem, solution, longest)
+            solution = _further(problem, solution, longest, best)
         best = min(best, solution.evaluation.cost)
         if solution.converged and at_floor(problem, solution, neighbours or problem.noise):
             longest = SHORTLY
         found.append((problem, solution))
     (problem, solution), *others = sorted(found, key=_cost)
     if longest == SHORTLY and not solution.converged:  # of two at the floor one that was left early is the lower
-        solution = _further(problem, solution, LONGEST)
+        solution = _further(problem, solution, LONGEST, np.inf)
     return [(problem, solution), *others]
 
 
@@ -182,9 +184,11 @@ def _cost(pair: tuple[Problem, Solution]) -> float:
     return pair[1].evaluation.cost
 
 
-def _further(problem: Problem, solution: Solution, evaluations: int) -> Solution:
-    """A search that was left, from where it stands."""
-    more = minimum(problem, solution.theta, evaluations=evaluations)
+def _further(problem: Problem, solution: Solution, evaluations: int, best: float) -> Solution:
+    """A search that was left, from where it stands; where evaluations are costly, while it may yet be as good."""
+    above = solution.evaluation.cost - best * (1.0 + AS_GOOD / len(solution.evaluation.residual))
+    fall = max(above, 0.0) if _patience(problem) is not None and math.isfinite(best) else None
+    more = minimum(problem, solution.theta, evaluations=evaluations, fall=fall)
     return replace(more, evaluations=more.evaluations + solution.evaluations)
 
 

@@ -16,7 +16,7 @@ from ipmclab.identification.problem.problem import Noise, Problem
 from ipmclab.identification.problem.record import PreparedRun
 from ipmclab.identification.problem.response import CircuitResponder
 from ipmclab.identification.search.along import along_valleys
-from ipmclab.identification.search.as_good import AS_GOOD, allowed_places
+from ipmclab.identification.search.as_good import allowed_places
 from ipmclab.identification.search.descent import LONGEST, SHORTLY, at_floor, minimum, minimum_near, to_the_end, weigh
 from ipmclab.identification.search.doublet import COUPLING, without_doublet
 from ipmclab.identification.search.edges import between_other_rows
@@ -24,7 +24,7 @@ from ipmclab.identification.search.pose import entries_at, is_size_of_leak, prob
 from ipmclab.identification.search.solve import Solution
 from ipmclab.identification.search.starts.start import StartingPoint, known_first, starting_points
 from ipmclab.identification.search.starts.start_in_state import in_one_state, moved_back, nowhere, there_alone
-from ipmclab.identification.search.valleys import Minima, Place, Rival, Valley
+from ipmclab.identification.search.valleys import AS_GOOD, Minima, Place, Rival, Valley
 from ipmclab.model import Actuator
 from ipmclab.model.declared import electrical, has_several_minima, is_of_leak
 from ipmclab.model.geometry import DIMENSIONS

@@ -48,7 +48,6 @@ class Projected:
 
     def evaluate(self, theta: FloatArray) -> Evaluation:
         """Residuals and Jacobian of the others, what the linear entries can follow taken out."""
-        from scipy.linalg import qr
 
         linear = self._linear
         point = self._last.copy()
@@ -63,10 +62,7 @@ class Projected:
             size = np.abs(rows).max(axis=1)
             unfelt = size <= UNFELT * np.abs(here.rows[:-1]).max()
             size[unfelt] = np.inf
-            # The rows lie as LAPACK wants them turned: this takes a fifth of the time of their singular values.
-            across, triangle = qr((rows / size[:, None]).T, mode="economic", overwrite_a=True, check_finite=False)
-            turn, singular, basis = np.linalg.svd(triangle.T)
-            basis = basis @ across.T
+            turn, singular, basis = _decomposed(rows / size[:, None])
             kept = singular > _PARALLEL * singular.max(initial=0.0)
             along = others @ basis[kept].T
             back = turn[:, kept] / singular[kept] / size[:, None]
@@ -92,3 +88,13 @@ class Projected:
         point[self._linear] += self._left
         self.evaluations += 1
         return point, self._problem.evaluate(point)
+
+
+def _decomposed(rows: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """The singular value decomposition of a few long rows, in a fifth of the time: that of their triangle, turned."""
+    from scipy.linalg.lapack import dgeqrf, dorgqr
+
+    count = min(rows.shape)
+    triangle, scales, *_ = dgeqrf(rows.T)
+    turn, singular, basis = np.linalg.svd(np.triu(triangle[:count]).T, full_matrices=False)
+    return turn, singular, basis @ dorgqr(triangle[:, :count], scales)[0].T

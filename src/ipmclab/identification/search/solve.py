@@ -26,10 +26,12 @@ PATIENCE: Final = 30
 """Evaluations in which the cost of a fit has to fall by ``_HARDLY_FALLS``: along a valley there is no last step."""
 
 _HARDLY_FALLS: Final = 0.1  # of chi-square: less than readings tell
+_LATELY: Final = 15  # evaluations that tell how fast a cost falls (convention)
 AT_BOUND: Final = 1e-3
 """Of a logarithm or a scale: an entry that near to its bound says no more than that it is there."""
 
 THERE: Final = "the parameters stopped moving"
+_TOO_SLOW: Final = "another search was lower, and this one fell too slowly to come down to it"
 
 # By the status of SciPy's ``least_squares``.
 _REASONS: Final = {
@@ -208,6 +210,7 @@ def descend(
     evaluations: int = 300,
     tolerance: float = 1e-10,
     patience: int | None = None,
+    fall: float | None = None,
 ) -> Solution:
     """The minimum by Gauss-Newton steps where these get there, else by ``minimise``, from a point that may be known."""
     spent = 0
@@ -216,7 +219,7 @@ def descend(
     near = polish(problem, theta, here)
     if near is not None:
         return replace(near, evaluations=near.evaluations + spent)
-    return minimise(problem, theta, here, evaluations=evaluations, tolerance=tolerance, patience=patience)
+    return minimise(problem, theta, here, evaluations=evaluations, tolerance=tolerance, patience=patience, fall=fall)
 
 
 def minimise(
@@ -227,6 +230,7 @@ def minimise(
     evaluations: int = 300,
     tolerance: float = 1e-10,
     patience: int | None = None,
+    fall: float | None = None,
 ) -> Solution:
     """Trust-region reflective least squares with the exact Jacobian (SciPy's TRF).
 
@@ -245,12 +249,15 @@ def minimise(
         entries then have about half as many digits as the tolerance.
     patience : int, optional
         The search also ends where so many evaluations lower the cost by less than 0.1 of chi-square.
+    fall : float, optional
+        By how much the cost has to fall for the search to be worth its time. It is left where the cost falls so slowly
+        that it would not have fallen as far at the limit of evaluations.
     """
     finite = np.isfinite(problem.upper - problem.lower)
     # A wide range is no reason to start far from its end.
     margin = np.minimum(np.where(finite, 1e-6 * np.where(finite, problem.upper - problem.lower, 0.0), 0.0), 1e-4)
     inside = np.clip(theta, problem.lower + margin, problem.upper - margin)
-    limits = _Limits(evaluations, tolerance, patience)
+    limits = _Limits(evaluations, tolerance, patience, fall)
     if not problem.linear.any():
         return _trust_region(problem, inside, here if np.array_equal(inside, theta) else None, limits)
     others = Projected(problem, inside)
@@ -266,6 +273,7 @@ class _Limits:
     evaluations: int
     tolerance: float
     patience: int | None
+    fall: float | None
 
 
 def _trust_region(problem: Searched, inside: FloatArray, here: Evaluation | None, limits: _Limits) -> Solution:
@@ -273,7 +281,7 @@ def _trust_region(problem: Searched, inside: FloatArray, here: Evaluation | None
     from scipy.optimize import least_squares
 
     kept: dict[bytes, Evaluation] = {} if here is None else {inside.tobytes(): here}
-    fallen = _Fallen(limits.patience)
+    fallen = _Fallen(limits)
 
     def at(point: FloatArray) -> Evaluation:
         key = point.tobytes()
@@ -307,6 +315,8 @@ def _trust_region(problem: Searched, inside: FloatArray, here: Evaluation | None
         )
     except _HardlyFalls:
         return Solution(*fallen.lowest, True, _REASONS[2], len(fallen.costs))
+    except _TooSlow:
+        return Solution(*fallen.lowest, False, _TOO_SLOW, len(fallen.costs))
     point = whole(found.x)
     last = kept.get(point.tobytes()) or problem.evaluate(point)
     return Solution(point, last, found.status > 0, _REASONS[found.status], int(found.nfev))
@@ -316,23 +326,32 @@ class _HardlyFalls(Exception):
     """A search goes along a valley whose floor falls by less than the readings can tell: it has no last step."""
 
 
+class _TooSlow(Exception):
+    """A search falls so slowly that it would not get where another one is."""
+
+
 class _Fallen:
     """How far the cost has fallen in a search, evaluation by evaluation, and where it was lowest."""
 
-    def __init__(self, patience: int | None) -> None:
+    def __init__(self, limits: _Limits) -> None:
         self.costs: list[float] = []
-        self._patience = patience
+        self._limits = limits
         self.lowest: tuple[FloatArray, Evaluation]
 
     def to(self, point: FloatArray, here: Evaluation) -> None:
-        """One evaluation more; ``_HardlyFalls`` where the last ones have hardly told anything."""
+        """One evaluation more; an exception where the last ones tell that further ones lead nowhere."""
         if not self.costs or here.cost < self.costs[-1]:
             self.lowest = point.copy(), here
         cost = self.lowest[1].cost
         self.costs.append(cost)
-        if self._patience is None or len(self.costs) <= self._patience:
+        limits = self._limits
+        if limits.fall is not None and len(self.costs) > _LATELY:
+            rate = (self.costs[-1 - _LATELY] - cost) / _LATELY
+            if cost - rate * (limits.evaluations - len(self.costs)) > self.costs[0] - limits.fall:
+                raise _TooSlow
+        if limits.patience is None or len(self.costs) <= limits.patience:
             return
-        if self.costs[-1 - self._patience] - cost < _HARDLY_FALLS * cost / max(len(here.residual), 1):
+        if self.costs[-1 - limits.patience] - cost < _HARDLY_FALLS * cost / max(len(here.residual), 1):
             raise _HardlyFalls
 
 

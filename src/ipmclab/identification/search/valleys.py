@@ -16,6 +16,9 @@ from ipmclab.identification.search.solve import Solution
 
 FloatArray = npt.NDArray[np.float64]
 
+AS_GOOD: Final = 4.0
+"""Of chi-square: a minimum no higher than that is as good."""
+
 SURE: Final = 3.84
 """Excess of chi-square of one parameter that 95 % of fits stay below."""
 

@@ -69,13 +69,30 @@ class Dense:
             The equation of a law has no solution in floating point.
         """
         if self._columns is None:
-            from ipmclab.model.numerics.kernels import dense as linear
-
             linear(self._step, self._read, course, x, outputs)
             return
         from ipmclab.model.numerics.dense_loop import NO_TRACE, dense, room
 
         check_solved(dense(self._columns, self._table, course, x, outputs, room(self._columns, self._inputs), NO_TRACE))
+
+
+def linear(step: FloatArray, read: FloatArray, course: Course, x: FloatArray, outputs: FloatArray) -> None:
+    """Write the outputs of a system without laws, and leave the last state in ``x``.
+
+    Parameters
+    ----------
+    step : float array, shape (n_kinds, n, 2 n_inputs + n)
+        Of ``discretise.step_of``.
+    read, course, x, outputs
+        As of ``kernels.dense``.
+    """
+    from ipmclab.model.numerics.kernels import dense
+    from ipmclab.model.numerics.vectors_loop import filled
+
+    kinds, n, count = step.shape
+    columns = np.zeros((kinds, count, filled(n)))
+    columns[..., :n] = step.transpose(0, 2, 1)
+    dense(columns, read, course, x, np.empty(filled(n)), outputs)
 
 
 def check_solved(failed: int) -> None:

@@ -12,6 +12,7 @@ from ipmclab.model.numerics.compiled import kernel
 from ipmclab.model.numerics.course import Course
 from ipmclab.model.numerics.modal_loop import modal as _modal
 from ipmclab.model.numerics.modal_loop import modal_sections as _modal_sections
+from ipmclab.model.numerics.vectors_loop import WIDTH, alike, begin_of, load, store
 
 FloatArray = npt.NDArray[np.float64]
 IndexArray = npt.NDArray[np.int64]
@@ -64,25 +65,33 @@ def _write(read: FloatArray, reading: FloatArray, k: int, x: FloatArray, outputs
 
 
 @kernel
-def dense(step: FloatArray, read: FloatArray, course: Course, x: FloatArray, outputs: FloatArray) -> None:
+def dense(
+    columns: FloatArray, read: FloatArray, course: Course, x: FloatArray, new: FloatArray, outputs: FloatArray
+) -> None:
     """The state over intervals of any length, read wherever an interval begins at a row; without laws.
+
+    All sums of a step are made at once, each to the last digit the one of ``multiply``.
 
     Parameters
     ----------
-    step : float array, shape (n_kinds, n, 2 n_inputs + n)
+    columns : float array, shape (n_kinds, 2 n_inputs + n, width)
         What makes the next state over each kind of interval: of the inputs as it begins, of how much they change,
-        and of the state (``discretise.Transition``, side by side).
+        and of the state (``discretise.Transition``, side by side); each column filled up with zeros.
     read : float array, shape (n_outputs, n_inputs + n)
         What makes the outputs: of the inputs, and of the state.
     course : Course
     x : float array, shape (n,)
         The state before the first interval; on return the state after the last.
+    new : float array, shape (width,)
+        Written on.
     outputs : float array, shape (n_outputs, n_time)
         Written.
     """
     interval, start, end, row, reading = course
     n, m = x.shape[0], start.shape[1]
-    from_here, new = np.empty(2 * m + n), np.empty(n)
+    count, width = columns.shape[1:]
+    from_here = np.empty(count)
+    first, result = begin_of(columns), begin_of(new)
     for i in range(row.shape[0]):
         k = row[i]
         if k >= 0:
@@ -93,7 +102,11 @@ def dense(step: FloatArray, read: FloatArray, course: Course, x: FloatArray, out
                 from_here[m + l] = end[i, l] - start[i, l]
             for j in range(n):
                 from_here[2 * m + j] = x[j]
-            multiply(step, interval[i], from_here, new)
+            for j in range(0, width, WIDTH):
+                place, total = interval[i] * count * width + j, alike(0.0)
+                for l in range(count):  # noqa: E741
+                    total = total + load(first, place + l * width) * alike(from_here[l])
+                store(result, j, total)
             for j in range(n):
                 x[j] = new[j]
 

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.model.joined import Joined
-from ipmclab.model.numerics.dense import check_solved
+from ipmclab.model.numerics.dense import check_solved, linear
 from ipmclab.model.numerics.discretise import step_and_slopes
 from ipmclab.model.numerics.timeline import Timeline
 
@@ -65,10 +65,8 @@ def moves(joined: Joined, durations: FloatArray, *, moved: bool) -> tuple[Matric
 
 def outputs_along(at: Matrices, line: Timeline, state: FloatArray) -> FloatArray:
     """The outputs of a linear system at the rows of a time line, shape (n_outputs, n_time)."""
-    from ipmclab.model.numerics.kernels import dense
-
     values = np.empty((len(at.outputs), len(line.reading)))
-    dense(at.step, at.outputs, line.course, state.copy(), values)
+    linear(at.step, at.outputs, line.course, state.copy(), values)
     return values
 
 

@@ -124,9 +124,32 @@ class Modes:
         return np.concatenate([by, own * self.moved[:, None, :]], axis=2).transpose(1, 0, 2)
 
 
-def modal_tangents(
-    modes: Modes, line: Timeline, state: FloatArray, *, by_states: bool
-) -> tuple[tuple[FloatArray, FloatArray], FloatArray, FloatArray, FloatArray]:
+class ByModes(NamedTuple):
+    """Outputs over a time line and their derivatives, as sums of what the poles answer.
+
+    Parameters
+    ----------
+    values, sizes : float array, shapes (n_outputs, n_time) and (n_outputs,)
+        The outputs, and of each the sum of the largest sizes of what its poles answer, which may cancel.
+    courses : float array, shape (n_courses, n_time)
+        The voltage as it is read, what the poles answer, and the slopes of that.
+    by_parameters : float array, shape (n_outputs, n_parameters, n_first)
+        How much of the first of them, or of all, is in the derivative by each parameter.
+    by_initial : float array, shape (n_outputs, n, n_courses)
+        In that by each initial state.
+    by_delay : float array, shape (n_outputs, n_courses), or None
+        In that by the delay; None where the courses do not hold it, or it was not wanted.
+    """
+
+    values: FloatArray
+    sizes: FloatArray
+    courses: FloatArray
+    by_parameters: FloatArray
+    by_initial: FloatArray
+    by_delay: FloatArray | None
+
+
+def modal_tangents(modes: Modes, line: Timeline, state: FloatArray, *, by_states: bool, by_delay: bool) -> ByModes:
     """The outputs over a time line and their derivatives, as sums of what the poles answer.
 
     Parameters
@@ -135,78 +158,85 @@ def modal_tangents(
     line : Timeline
     state : float array, shape (n,)
         The initial state.
-    by_states : bool
-        Whether derivatives by it are wanted; they are 0 otherwise.
-
-    Returns
-    -------
-    values, sizes : float array, shapes (n_outputs, n_time) and (n_outputs,)
-        The outputs, and of each the sum of the largest sizes of what its poles answer, which may cancel.
-    courses : float array, shape (n_courses, n_time)
-        The voltage as it is read, what the poles answer, and the slopes of that.
-    by_parameters : float array, shape (n_outputs, n_parameters, n_first)
-        How much of the first of them, or of all, is in the derivative by each parameter.
-    by_initial : float array, shape (n_outputs, n, n_first)
-        In that by each initial state.
+    by_states, by_delay : bool
+        Whether derivatives by it, and by the delay, are wanted; they are 0 otherwise.
     """
     given = modes.slopes
     kept = np.flatnonzero(modes.poles.imag >= 0.0)  # the other of a pair answers the conjugate
-    n, outputs = len(modes.poles), len(given.c)
-    is_pair = np.tile(modes.poles[kept].imag > 0.0, 2)
-    times = np.where(is_pair, 2.0, 1.0)
+    poles = modes.poles[kept]
+    n, outputs, count = len(modes.poles), len(given.c), len(kept)
+    is_pair = poles.imag > 0.0
+    times, pairs = np.where(is_pair, 2.0, 1.0), np.flatnonzero(np.append(is_pair, is_pair))
+    both = np.append(kept, n + kept)
 
     def of_kept(weights: ComplexArray) -> list[FloatArray]:
         """By real and imaginary parts of the answers; without those that are 0."""
-        return [weights.real, -weights.imag[..., is_pair]]
+        return [weights.real, -weights.imag[..., pairs]]
 
     def of_each(weights: ComplexArray) -> list[FloatArray]:
-        return of_kept(weights[..., np.concatenate([kept, n + kept])] * times)
+        return of_kept(weights[..., both] * np.append(times, times))
 
-    def answered(drive: FloatArray, answers: ComplexArray) -> tuple[FloatArray, FloatArray]:
-        """The outputs, of what the poles answer to a drive, and the sum of the sizes of that, by its larger parts."""
-        own = modes.read[:, kept] * (modes.left[kept] @ drive) * times[: len(kept)]
-        each = answers[: len(kept)]
-        return (own @ each).real, np.abs(own) @ np.abs(each.view(np.float64)).max(axis=1, initial=0.0)
+    def own(drive: FloatArray) -> ComplexArray:
+        """How much of what each pole answers to a drive is in the outputs."""
+        return np.asarray(modes.read[:, kept] * (modes.left[kept] @ drive) * times)
 
-    voltage = _answers(modes.poles[kept], line, 0.0)
-    values, sizes = answered(given.b, voltage)
-    values += given.d[:, None] * line.reading
-    courses = [line.reading[None], voltage.real, voltage.imag[is_pair]]
-    by_parameters = [given.d_d.T[:, :, None], *of_each(modes.by_voltage)]
-    by_initial = [np.zeros((outputs, n, 0))]
+    def answered(weights: ComplexArray, answers: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """The outputs, of what the poles answer, and the sum of the sizes of that."""
+        parts = np.hstack([weights.real, -weights.imag[:, is_pair]])
+        each = np.concatenate([answers[:count], answers[2 * count : 2 * count + len(pairs) // 2]])
+        return parts @ each, np.abs(parts) @ np.abs(each).max(axis=1, initial=0.0)
+
     moves = bool(np.any(state))
-    if moves or by_states:
-        free = _answers(modes.poles[kept], line, 1.0)
-        courses += [free.real, free.imag[is_pair]]
+    free = 2 * count + len(pairs) if moves or by_states else 0
+    width = 1 + 2 * count + len(pairs)
+    courses = np.empty((width + free, len(line.reading)))
+    courses[0] = line.reading
+    _answers(poles, line, 0.0, courses[1:width])
+    driven = own(given.b)
+    values, sizes = answered(driven, courses[1:width])
+    values += given.d[:, None] * line.reading
+    by_parameters = [given.d_d.T[:, :, None], *of_each(modes.by_voltage)]
+    if free:
+        _answers(poles, line, 1.0, courses[width:])
     if moves:  # at rest it stays out of the sum: with more terms, though they are 0, that rounds otherwise
-        from_state, more = answered(state, free)
+        from_state, more = answered(own(state), courses[width:])
         values, sizes = values + from_state, sizes + more
         by_parameters += of_each(modes.weights(modes.left @ state, np.zeros((len(given.d_b), n))))
+    by_initial = np.zeros((outputs, n, len(courses)))
     if by_states:
-        sees = np.zeros((outputs, n, 2 * len(kept)), dtype=np.complex128)
-        seen = modes.read[:, kept, None] * modes.left[kept] * times[: len(kept), None]
-        sees[..., : len(kept)] = seen.transpose(0, 2, 1)
-        by_initial = [np.zeros((outputs, n, sum(len(one) for one in courses[:3]))), *of_kept(sees)]
-    return (
-        (values, sizes),
-        np.concatenate(courses),
-        np.concatenate(by_parameters, axis=2),
-        np.concatenate(by_initial, axis=2),
-    )
+        seen = np.zeros((outputs, n, 2 * count), dtype=np.complex128)
+        seen[..., :count] = (modes.read[:, kept, None] * modes.left[kept] * times[:, None]).transpose(0, 2, 1)
+        by_initial[..., width:] = np.concatenate(of_kept(seen), axis=2)
+    before = float(line.start[0] + line.jump[0]) if len(line.start) else 0.0  # what the strip saw before the first row
+    delayed = None
+    if by_delay and not line.reading_rate.any() and (before == 0.0 or free):
+        # What a drive answers shifts with its edges: from rest by -s' = -(p s + u), of which before is not an edge.
+        delayed = np.zeros((outputs, len(courses)))
+        delayed[:, 0] = -driven.real.sum(axis=1)
+        later = np.zeros((2, outputs, 2 * count), dtype=np.complex128)
+        later[0, :, :count], later[1, :, :count] = -driven * poles, before * driven
+        delayed[:, 1:width] = np.concatenate(of_kept(later[0]), axis=1)
+        if free:
+            delayed[:, width:] = np.concatenate(of_kept(later[1]), axis=1)
+    return ByModes(values, sizes, courses, np.concatenate(by_parameters, axis=2), by_initial, delayed)
 
 
-def _answers(poles: ComplexArray, line: Timeline, first: float) -> ComplexArray:
-    """What each pole answers at each row, and its slope by the pole, shape (2 n_poles, n_time).
+def _answers(poles: ComplexArray, line: Timeline, first: float, courses: FloatArray) -> None:
+    """Write what each pole answers at each row, and its slope by the pole.
 
     Parameters
     ----------
     first : float
         0: from rest to the voltage; 1: from 1, without a voltage.
+    courses : float array, shape (2 n_poles + 2 n_pairs, n_time)
+        The real parts of the answers, of the slopes, then the imaginary ones of those of pairs.
     """
-    from ipmclab.model.numerics.tangents_modal_loop import pole_answers, pole_moves
+    from ipmclab.model.numerics.tangents_modal_loop import pole_courses, pole_moves
 
     moves = np.empty((6, len(line.durations), len(poles)), dtype=np.complex128)
     pole_moves(poles, line.durations, 1.0 - first, moves)
-    answers = np.empty((2 * len(poles), len(line.reading)), dtype=np.complex128)
-    pole_answers(moves, line.interval, line.start, line.end, line.row, first, answers)
-    return answers
+    is_pair = poles.imag > 0.0
+    real, pairs = np.flatnonzero(~is_pair), np.flatnonzero(is_pair)
+    places = real, pairs, 2 * len(poles) + np.arange(len(pairs))
+    own = np.ascontiguousarray(moves[..., real].real), np.ascontiguousarray(moves[..., pairs])
+    pole_courses(*own, places, line.interval, line.start, line.end, line.row, first, courses)

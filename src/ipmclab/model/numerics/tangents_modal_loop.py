@@ -101,3 +101,56 @@ def pole_answers(
             for j in range(n):
                 slope[j] = decay[m, j] * slope[j] + (d_decay[m, j] * s[j] + (d_held[m, j] * u + d_ramped[m, j] * du))
                 s[j] = decay[m, j] * s[j] + (held[m, j] * u + ramped[m, j] * du)
+
+
+@kernel
+def pole_courses(
+    real: FloatArray,
+    pairs: ComplexArray,
+    places: tuple[IndexArray, IndexArray, IndexArray],
+    interval: IndexArray,
+    start: FloatArray,
+    end: FloatArray,
+    row: IndexArray,
+    first: float,
+    courses: FloatArray,
+) -> None:
+    """The same as real courses over time, real poles and pairs apart.
+
+    Parameters
+    ----------
+    real : float array, shape (6, n_kinds, n_real)
+        As ``pole_moves`` writes them, of the real poles.
+    pairs : complex array, shape (6, n_kinds, n_pairs)
+        Of the poles above the real axis.
+    places : three int arrays, shapes (n_real,), (n_pairs,), (n_pairs,)
+        Where the answers of each stand in the courses, and the imaginary parts of the pairs.
+    interval, start, end, row, first
+        As of ``pole_answers``.
+    courses : float array, shape (2 (n_real + n_pairs) + 2 n_pairs, n_time)
+        Written: the real parts of the answers, of their slopes, then the imaginary ones.
+    """
+    of_real, of_pairs, imaginary = places
+    n, m = len(of_real), len(of_pairs)
+    s, slope = np.full(n, first), np.zeros(n)
+    z, turn = np.full(m, first + 0j), np.zeros(m, np.complex128)
+    for i in range(row.shape[0]):
+        k = row[i]
+        if k >= 0:
+            for j in range(n):
+                courses[of_real[j], k] = s[j]
+                courses[n + m + of_real[j], k] = slope[j]
+            for j in range(m):
+                courses[of_pairs[j], k], courses[imaginary[j], k] = z[j].real, z[j].imag
+                courses[n + m + of_pairs[j], k], courses[m + imaginary[j], k] = turn[j].real, turn[j].imag
+        if i < interval.shape[0]:
+            kind = interval[i]
+            u, du = start[i], end[i] - start[i]
+            for j in range(n):
+                driven = real[4, kind, j] * u + real[5, kind, j] * du
+                slope[j] = real[0, kind, j] * slope[j] + (real[3, kind, j] * s[j] + driven)
+                s[j] = real[0, kind, j] * s[j] + (real[1, kind, j] * u + real[2, kind, j] * du)
+            for j in range(m):
+                pull = pairs[4, kind, j] * u + pairs[5, kind, j] * du
+                turn[j] = pairs[0, kind, j] * turn[j] + (pairs[3, kind, j] * z[j] + pull)
+                z[j] = pairs[0, kind, j] * z[j] + (pairs[1, kind, j] * u + pairs[2, kind, j] * du)

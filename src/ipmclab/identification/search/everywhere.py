@@ -1,0 +1,52 @@
+"""A problem searched again from wherever earlier searches ended: under its noise, with the zeros of its sensors."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from ipmclab.identification.problem.problem import Problem
+from ipmclab.identification.search.descent import SHORTLY, minimum, minimum_from, to_the_end, weigh
+from ipmclab.identification.search.solve import Solution
+from ipmclab.identification.search.starts.usual import usual_coupling
+from ipmclab.identification.search.valleys import Rival
+
+
+class Everywhere:
+    """Searches from near a fit and from elsewhere, and where they have ended.
+
+    Parameters
+    ----------
+    ends : sequence of Rival
+        Where the searches of the fit ended, if it may have several minima.
+    """
+
+    def __init__(self, ends: Sequence[Rival]) -> None:
+        self._ends = ends
+        self._found: list[tuple[Problem, list[Rival]]] = []
+
+    def lowest(self, problem: Problem, near: Solution) -> tuple[Problem, Solution]:
+        """The lowest minimum of a problem near one that was searched before, and from where those searches ended."""
+        first = minimum_from(problem, near)
+        starts = [end.vector_of(problem.unknowns, near.theta) for end in self._starts(problem, near)]
+        tried = [(problem, first), *((problem, minimum(problem, start, evaluations=SHORTLY)) for start in starts)]
+        if starts:
+            tried = to_the_end(tried)
+            self._found.append((problem, [Rival.of(problem, found.theta) for _, found in tried]))
+        return tried[0]
+
+    def least(self, problem: Problem, near: Solution) -> tuple[Problem, Solution]:
+        """Least squares with zeros and slopes: without them the lowest minimum may be one that follows the drift."""
+        return weigh(*self.lowest(problem, near))
+
+    def ended(self, problem: Problem, near: Solution) -> tuple[Sequence[Rival], bool]:
+        """Where searches ended that may be other minima of a problem, and whether they were searches of this one."""
+        names = [unknown.name for unknown in problem.unknowns]
+        for searched, found in reversed(self._found):
+            if type(searched) is type(problem) and [unknown.name for unknown in searched.unknowns] == names:
+                return found, True
+        return self._starts(problem, near), False
+
+    def _starts(self, problem: Problem, near: Solution) -> list[Rival]:
+        """The ends, and where a search from a usual strip would begin, where there may be several minima."""
+        theta = usual_coupling(problem, near.theta) if self._ends else None
+        return list(self._ends) if theta is None else [*self._ends, Rival.of(problem, theta)]
