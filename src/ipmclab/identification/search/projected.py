@@ -48,7 +48,6 @@ class Projected:
 
     def evaluate(self, theta: FloatArray) -> Evaluation:
         """Residuals and Jacobian of the others, what the linear entries can follow taken out."""
-
         linear = self._linear
         point = self._last.copy()
         point[linear] += self._follow @ (theta - point[~linear])
