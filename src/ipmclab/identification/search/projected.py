@@ -65,7 +65,7 @@ class Projected:
             size[unfelt] = np.inf
             # The rows lie as LAPACK wants them turned: this takes a fifth of the time of their singular values.
             across, triangle = qr((rows / size[:, None]).T, mode="economic", overwrite_a=True, check_finite=False)
-            turn, singular, basis = np.linalg.svd(triangle.T)
+            turn, singular, basis = np.linalg.svd(triangle.T, full_matrices=False)
             basis = basis @ across.T
             kept = singular > _PARALLEL * singular.max(initial=0.0)
             along = others @ basis[kept].T
