@@ -139,9 +139,25 @@ def test_readings_of_any_size_scatter_alike() -> None:
         assert found.of_mean(200) / size == pytest.approx(Scatter(0.0, 1.0, PHI).of_mean(200), rel=0.5)
 
 
+@pytest.mark.parametrize("times", [0.0, 1.0, 2.2, 3.0, 10.0])
+def test_a_harmonic_of_any_size_beside_its_noise_is_held(times: float) -> None:
+    """Of one that is twice or three times its noise the interval held 80 % to 91 %: it ended too low."""
+    time = np.arange(800) / 50.0
+    own = 0.005 * math.sqrt(2.0 / 200.0)
+    clean = np.sin(0.5 * np.pi * time) + times * own * np.cos(np.pi * time)
+    held = []
+    for seed in range(150):
+        noise = 0.005 * np.random.default_rng([20261128, seed]).standard_normal(len(time))
+        run = Run.from_arrays(time=time, voltage=np.sin(0.5 * np.pi * time), force=clean + noise)
+        (found,) = (one for one in measure(run) if one.name == "harmonic_2")
+        assert found.interval is not None
+        held.append(found.interval[0] <= times * own <= found.interval[1])
+    assert np.mean(held) >= 0.92
+
+
 @pytest.mark.parametrize("signal", ["step 1 V delay=5 s", "square 1 V 0.1 Hz delay=5 s", "sine 1 V 0.25 Hz"])
 def test_intervals_of_metrics_hold_what_they_hold_without_noise(signal: str) -> None:
-    """With an AR(1) noise of 0.9 they held it in 3 % to 50 % of records, for they took neighbours for independent."""
+    """With an AR(1) noise of 0.9 they held it in 13 % to 34 % of records: they took neighbours for independent."""
     clean = simulate(STRIP, signal, duration=40.0, rate=50.0)
     bare = {name: clean.channels[name] for name in ("current", "displacement", "force")}
     whole = Run.from_arrays(time=clean.time, voltage=clean.voltage, **bare)
