@@ -19,9 +19,9 @@ _FEWEST: Final = 20  # rows that show how their noise is autocorrelated (convent
 _LAGS: Final = 5  # whose covariances say how fast it fades (convention)
 _CREEP: Final = 3  # degree of the polynomial by which a strip may creep, at rest or from period to period (convention)
 _PERIODS: Final = 50  # after which the voltage is the same again, in whole rows (convention)
-_SURELY: Final = 2.0  # standard errors (Bartlett) of a correlation of neighbours that is one
+_SURELY: Final = 2.0  # standard errors (Bartlett) of a correlation that is one (convention)
 _FEW: Final = 7.0  # values of a noise that fades: of fewer the range is taken as of so many (convention)
-_SPIKE: Final = 5.0  # standard deviations, beyond which a reading is no noise
+_SPIKE: Final = 5.0  # standard deviations, beyond which a reading is no noise (convention)
 
 
 @dataclass(frozen=True)
