@@ -18,7 +18,7 @@ _SHARE: Final = 1e-3
 
 _DECAYS: Final = (2.0, 12.0)
 """Rates [1/duration of the rows] of two decays: together they follow a discharge of a time constant between 0.08 and 3
-of these durations to a tenth of its height."""
+of these durations to a tenth of its height (convention)."""
 
 
 def not_at_rest(record: Record) -> list[Finding]:

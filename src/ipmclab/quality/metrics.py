@@ -331,19 +331,19 @@ def _periodic(record: Record, response: _Response, period: float, end: int) -> l
             )
         )
         for order in range(2, orders + 1):
-            # Noise adds its own power to that of a harmonic.
-            own = response.scatter.of_wave(count / order) * math.sqrt(2.0 / count)
-            ratio = math.sqrt(max(float(abs(waves[order - 1])) ** 2 - 2.0 * own**2, 0.0)) / float(size)
-            reach = NORMAL_95 * own / float(size)
+            # Noise adds its own power to that of a harmonic, most of it to one that is as small.
+            own = response.scatter.of_wave(count / order) * math.sqrt(2.0 / count) / float(size)
+            read, reach = float(abs(waves[order - 1]) / size), NORMAL_95 * own
+            ratio = math.sqrt(max(read**2 - 2.0 * own**2, 0.0))
             metrics.append(
                 Metric(
                     f"harmonic_{order}",
                     channel.name,
                     ratio,
                     "",
-                    (max(0.0, ratio - reach), ratio + reach),
+                    (max(0.0, ratio - reach), read + reach),
                     f"Amplitude of harmonic {order} over that of the fundamental, over the last whole period, less the "
-                    "power that noise adds.",
+                    "power that noise adds, above which the interval reaches as it may have added none.",
                 )
             )
     if channel.name == "current":

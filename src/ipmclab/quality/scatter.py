@@ -1,7 +1,7 @@
 """How readings scatter, one by one and in what is computed of many: neighbours that are alike say less than they are.
 
-The noise of a channel is taken as white noise and an AR(1) process, of which rows at 0 V and the differences between
-two periods hold nothing else. Of an AR(1) process of variance s^2 the covariance at a lag of k rows is s^2 phi^k.
+The noise of a channel is taken as white noise and an AR(1) process. Rows at 0 V and the differences between periods
+hold nothing else but what creeps. Of an AR(1) process of variance s^2 the covariance at a lag of k rows is s^2 phi^k.
 """
 
 from __future__ import annotations
@@ -17,10 +17,11 @@ from ipmclab.run import FloatArray
 
 _FEWEST: Final = 20  # rows that show how their noise is autocorrelated (convention)
 _LAGS: Final = 5  # whose covariances say how fast it fades (convention)
-_CREEP: Final = 3  # degree of the polynomial by which a strip at rest may creep (convention)
-_SURELY: Final = 2.0  # standard errors (Bartlett) of a correlation of neighbours that is one
+_CREEP: Final = 3  # degree of the polynomial by which a strip may creep, at rest or from period to period (convention)
+_PERIODS: Final = 50  # after which the voltage is the same again, in whole rows (convention)
+_SURELY: Final = 2.0  # standard errors (Bartlett) of a correlation that is one (convention)
 _FEW: Final = 7.0  # values of a noise that fades: of fewer the range is taken as of so many (convention)
-_SPIKE: Final = 5.0  # standard deviations, beyond which a reading is no noise
+_SPIKE: Final = 5.0  # standard deviations, beyond which a reading is no noise (convention)
 
 
 @dataclass(frozen=True)
@@ -97,9 +98,9 @@ class Scatter:
 def scatter_of(record: Record, channel: Channel, periodic: tuple[float, int] | None = None) -> Scatter:
     """The noise of a channel, by what shows it beside the answer to the voltage.
 
-    That are the rows at 0 V before it first moves, less a cubic, and the differences between the last two
-    periods of a periodic voltage; that counts which scatters more in means. Where neither is autocorrelated, the
-    noise is white.
+    That are the rows at 0 V before it first moves, and the differences between the last periods of a periodic
+    voltage, both less a cubic; that counts which scatters more in means. Where neither is autocorrelated, the noise is
+    white.
 
     Parameters
     ----------
@@ -109,29 +110,34 @@ def scatter_of(record: Record, channel: Channel, periodic: tuple[float, int] | N
         The period of the voltage, and the row after its last.
     """
     found = Scatter(channel.noise**2)
-    for rows, degree in (_at_rest(record, channel), _between_periods(record, channel, periodic)):
-        own = _of_rows(rows, degree, channel.noise**2)
+    for rows in (_at_rest(record, channel), _between_periods(record, channel, periodic)):
+        own = _of_rows(rows, channel.noise**2)
         if own is not None and own.of_wave(math.inf) > found.of_wave(math.inf):
             found = own
     return found
 
 
-def _of_rows(rows: FloatArray, degree: int, white: float) -> Scatter | None:
-    """The noise of rows that hold nothing else but a polynomial; None where they do not show it autocorrelated."""
-    count = len(rows)
-    if count < _FEWEST or not np.isfinite(rows).all():
+def _of_rows(rows: FloatArray, white: float) -> Scatter | None:
+    """The noise of rows that hold nothing else but a cubic; None where they do not show it autocorrelated."""
+    there = np.isfinite(rows)
+    count = int(np.count_nonzero(there))
+    if count < _FEWEST:
         return None
-    smooth = np.linalg.qr(np.vander(np.linspace(-1.0, 1.0, count), degree + 1))[0]
-    left = rows - smooth @ (smooth.T @ rows)
-    reach = _SPIKE * 1.4826 * float(np.median(np.abs(left)))
+    smooth = np.zeros((len(rows), _CREEP + 1))
+    smooth[there] = np.linalg.qr(np.vander(np.linspace(-1.0, 1.0, len(rows)), _CREEP + 1)[there])[0]
+    left = np.where(there, rows, 0.0)
+    left -= smooth @ (smooth.T @ left)
+    reach = _SPIKE * 1.4826 * float(np.median(np.abs(left[there])))
     left = np.clip(left, -reach, reach)
-    covariances = np.array([float(left[lag:] @ left[: count - lag]) / count for lag in range(_LAGS + 1)])
+    before = range(len(rows), len(rows) - _LAGS - 1, -1)
+    covariances = np.array([float(left[-stop:] @ left[:stop]) for stop in before])
+    covariances /= [max(np.count_nonzero(there[-stop:] & there[:stop]), 1) for stop in before]
     if covariances[1] <= _SURELY * covariances[0] / math.sqrt(count):
         return None
-    fades = float(covariances[2:] @ covariances[1:-1]) / float(covariances[1:-1] @ covariances[1:-1])
-    fades = max(fades, float(covariances[1] / covariances[0]))
+    alike = covariances / covariances[0]
+    fades = max(float(alike[2:] @ alike[1:-1]) / float(alike[1:-1] @ alike[1:-1]), float(alike[1]))
     # What was taken out had its part of the noise, most of what is slow (Kendall 1954; Marriott and Pope 1954).
-    follows = min(fades + (degree + 1.0 + (degree + 3.0) * fades) / count, 1.0 - 1.0 / count)
+    follows = min(fades + (_CREEP + 1.0 + (_CREEP + 3.0) * fades) / count, 1.0 - 1.0 / count)
     taken = sum(Scatter(0.0, 1.0, follows).of(one) ** 2 for one in smooth.T) / count
     slow = min(float(covariances[1]) / fades, float(covariances[0])) / max(1.0 - taken, 0.5)
     # From row to row the noise is what neighbouring readings say of the whole record.
@@ -139,17 +145,26 @@ def _of_rows(rows: FloatArray, degree: int, white: float) -> Scatter | None:
     return Scatter(max(float(covariances[0]) - slow, white - of_rows, 0.0), slow, follows)
 
 
-def _at_rest(record: Record, channel: Channel) -> tuple[FloatArray, int]:
-    """The rows at 0 V before the voltage first moves, in which a strip may creep, and by which degree."""
+def _at_rest(record: Record, channel: Channel) -> FloatArray:
+    """The rows at 0 V before the voltage first moves, in which a strip may creep."""
     driven = np.flatnonzero(np.abs(record.run.voltage) > NO_VOLTAGE)
-    return channel.readings[: max(int(driven[0]) - GUARD_ROWS, 0)] if len(driven) else channel.readings, _CREEP
+    return channel.readings[: max(int(driven[0]) - GUARD_ROWS, 0)] if len(driven) else channel.readings
 
 
-def _between_periods(record: Record, channel: Channel, periodic: tuple[float, int] | None) -> tuple[FloatArray, int]:
-    """The differences between the last two periods, drawn down to the size of the noise of one; and degree 0."""
+def _between_periods(record: Record, channel: Channel, periodic: tuple[float, int] | None) -> FloatArray:
+    """The differences between the last two stretches of as many periods, drawn down to the size of the noise of one.
+
+    A period is seldom a whole number of rows, and the voltage may have begun later: they count where the voltage
+    differs so little that noise hides what that makes in the answer. None do where that is of no number of periods.
+    """
     period, end = periodic or (0.0, 0)
-    count = round(period / record.period)
-    if not count or 2 * count > end:
-        return channel.readings[:0], 0
-    change = channel.readings[end - count : end] - channel.readings[end - 2 * count : end - count]
-    return np.asarray(change / math.sqrt(2.0)), 0
+    voltage = record.run.voltage
+    for periods in range(1, _PERIODS + 1):
+        count = round(periods * period / record.period)
+        if not 0 < 2 * count <= end:
+            break
+        last, before = slice(end - count, end), slice(end - 2 * count, end - count)
+        apart = float(np.linalg.norm(voltage[last] - voltage[before])) / math.sqrt(count)
+        if apart * channel.span <= channel.noise * float(np.ptp(voltage[last])):
+            return np.asarray((channel.readings[last] - channel.readings[before]) / math.sqrt(2.0))
+    return channel.readings[:0]

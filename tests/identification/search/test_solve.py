@@ -91,6 +91,13 @@ def test_decays_that_nearly_meet_follow_as_well_as_apart(apart: float) -> None:
     assert Projected(problem, begin).evaluate(begin[3:]).cost < 1.01 * met
 
 
+def test_linear_entries_may_be_more_than_the_readings() -> None:
+    problem = Meeting(projected=True)
+    problem.time, problem.readings = problem.time[[3, 9]], problem.readings[[3, 9]]
+    begin = np.array([0.0, 0.0, 0.0, 0.5, 0.0, -0.5])
+    assert Projected(problem, begin).evaluate(begin[3:]).cost == pytest.approx(0.0, abs=1e-20)
+
+
 def test_the_last_look_at_a_minimum_is_no_step() -> None:
     """Whatever the limit of evaluations is, the search gives an answer."""
     for limit in range(28, 36):
