@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from ipmclab.quality.noise import variance_for_means
-from ipmclab.quality.record import NO_VOLTAGE, Channel, Record
+from ipmclab.quality.record import Channel, Record
 from ipmclab.run import Finding, FloatArray
 
 _FEWEST: Final = 20  # rows at 0 V of which a mean is taken (convention)
@@ -29,10 +29,9 @@ def not_at_rest(record: Record) -> list[Finding]:
     of noise that is autocorrelated, in what two decays leave of these rows.
     """
     current = record.channels.get("current")
-    driven = np.flatnonzero(np.abs(record.run.voltage) > NO_VOLTAGE)
-    if current is None or not len(driven):
+    if current is None or not record.excited:
         return []
-    stop = int(driven[0]) - 3  # channels of a foreign record may lead its voltage by a few rows
+    stop = record.resting
     if stop >= _FEWEST and (current.missing is None or not current.missing[:stop].any()):
         return _of_rows(record, current, stop)
     if record.run.metadata.starts_from_rest is False:

@@ -210,6 +210,15 @@ class Record:
         usual = float(np.nanmedian(current.readings[: self.ends[0]]))
         return not bool(np.nanmax(np.abs(first - usual)) > max(_INRUSH * current.noise, abs(usual)))
 
+    @cached_property
+    def resting(self) -> int:
+        """How many rows there are at 0 V before the voltage first moves; all where it does not.
+
+        Without the last ones: channels of a foreign record may lead its voltage by a few rows.
+        """
+        driven = np.flatnonzero(np.abs(self.run.voltage) > NO_VOLTAGE)
+        return max(int(driven[0]) - GUARD_ROWS, 0) if len(driven) else len(self)
+
     @property
     def shows_no_edge(self) -> bool:
         """Whether the record begins under a constant voltage and stays there to its end."""

@@ -12,7 +12,7 @@ from typing import Final
 
 import numpy as np
 
-from ipmclab.quality.record import GUARD_ROWS, NO_VOLTAGE, Channel, IntArray, Record
+from ipmclab.quality.record import Channel, IntArray, Record
 from ipmclab.run import FloatArray
 
 _FEWEST: Final = 20  # rows that show how their noise is autocorrelated (convention)
@@ -110,7 +110,8 @@ def scatter_of(record: Record, channel: Channel, periodic: tuple[float, int] | N
         The period of the voltage, and the row after its last.
     """
     found = Scatter(channel.noise**2)
-    for rows in (_at_rest(record, channel), _between_periods(record, channel, periodic)):
+    # At rest a strip may creep, as it may from period to period.
+    for rows in (channel.readings[: record.resting], _between_periods(record, channel, periodic)):
         own = _of_rows(rows, channel.noise**2)
         if own is not None and own.of_wave(math.inf) > found.of_wave(math.inf):
             found = own
@@ -143,12 +144,6 @@ def _of_rows(rows: FloatArray, white: float) -> Scatter | None:
     # From row to row the noise is what neighbouring readings say of the whole record.
     of_rows = slow * (1.0 - follows) / (1.0 + follows)
     return Scatter(max(float(covariances[0]) - slow, white - of_rows, 0.0), slow, follows)
-
-
-def _at_rest(record: Record, channel: Channel) -> FloatArray:
-    """The rows at 0 V before the voltage first moves, in which a strip may creep."""
-    driven = np.flatnonzero(np.abs(record.run.voltage) > NO_VOLTAGE)
-    return channel.readings[: max(int(driven[0]) - GUARD_ROWS, 0)] if len(driven) else channel.readings
 
 
 def _between_periods(record: Record, channel: Channel, periodic: tuple[float, int] | None) -> FloatArray:
