@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final
 
+from ipmclab.fit.in_brief import NOT_DESCRIBED
 from ipmclab.fit.observation import Observation
 from ipmclab.identification.noise.blind import Blind
 from ipmclab.identification.noise.correlate import Correlated
@@ -25,7 +26,6 @@ _NOTICED: Final = 0.05
 _SCATTER: Final = 1.3
 """Times the scatter of neighbouring readings: a noise that grows under voltage is no error of the model."""
 
-_UNSURE: Final = "noise-not-described"
 _MODEL_ERRS: Final = "model-error"
 _LOOK: Final = "look at the residuals in the report"
 
@@ -71,7 +71,7 @@ def noise_findings(problem: Problem, correlated: Correlated, found: Uncertainty)
         grows = f"grows with it up to {growth.times:.2g} times (by ranks, p < 0.1 %)"
         code, said = "noise-grows", f"the noise of the {output} {grows}: errors and intervals allow for it"
         if (place, output) in drifting:
-            code, said = _UNSURE, f"the {output} drifts and its noise {grows}: intervals may be too small"
+            code, said = NOT_DESCRIBED, f"the {output} drifts and its noise {grows}: intervals may be too small"
         repair = f"{_LOOK}; a further branch or stage may help, or another range of the converter"
         findings.append(_found(code, labels[place], output, said, repair, times=growth.times))
     for place, output in coloured:
@@ -81,7 +81,7 @@ def noise_findings(problem: Problem, correlated: Correlated, found: Uncertainty)
             "intervals allow for it (Newey-West), but the model leaves something unexplained"
         )
         if (place, output) in drifting:
-            code, repair = _UNSURE, f"{_LOOK}; a further branch or stage may help; leave out what drifts"
+            code, repair = NOT_DESCRIBED, f"{_LOOK}; a further branch or stage may help; leave out what drifts"
             said = (
                 f"the {output} drifts, and no noise model describes the rest (Ljung-Box, p < 0.1 %): intervals may be "
                 "too small, for a sum of autocovariances does not hold under a drift"
@@ -92,7 +92,7 @@ def noise_findings(problem: Problem, correlated: Correlated, found: Uncertainty)
 
 def _found(code: str, label: str, output: str, said: str, repair: str, **values: float) -> Finding:
     """A warning where the noise is not described or the model errs, else a note."""
-    severity: Severity = "warning" if code in (_UNSURE, _MODEL_ERRS) else "info"
+    severity: Severity = "warning" if code in (NOT_DESCRIBED, _MODEL_ERRS) else "info"
     return Finding(code, severity, f"{label}: {said}", repair, channel=output, values=values)
 
 
@@ -152,7 +152,7 @@ def _hum(label: str, output: str, hum: Hum) -> Finding:
         "find its source; at a rate below twice its frequency the mains shows itself at another one: read faster, or "
         "average over a period of the mains"
     )
-    return _found(_UNSURE, label, output, said, repair, frequency=hum.frequency, amplitude=hum.amplitude)
+    return _found(NOT_DESCRIBED, label, output, said, repair, frequency=hum.frequency, amplitude=hum.amplitude)
 
 
 def _drift_not_excluded(output: str, blind: Blind) -> Finding:
