@@ -337,7 +337,7 @@ def with_noise(problem: Problem, solution: Solution, yielding: Sequence[int], ag
             kept = with_noise(problem, solution, (), again)
             if _left_more(least, kept.problem) > WORSE:  # and that is not what rows at 0 V say of a slope
                 return kept
-        plain = least.plain.evaluate(near.theta)
+        plain = least.plain.evaluate(near.theta) if zeros else near.evaluation
         shapes = refine_noise(System(least.plain, plain, searched), shapes)
     pieces |= {piece.key: piece for piece in searched}
     return Correlated(least, near, plain, shapes, pieces, {**blind, **hidden})
