@@ -20,6 +20,16 @@ from tests.page.browser.server import served as served
 LOOK = 50
 """Milliseconds between two looks at what a test waits for; else a browser draws 60 frames a second to look in each."""
 
+UNTIL = """argument => {
+  try {
+    const answer = (%s);
+    return typeof answer === "function" ? answer(argument) : answer;
+  } catch (error) {
+    if (document.readyState === "complete") throw error;
+    return false;
+  }
+}"""
+
 BARE = "nowhere"
 """There is no such address: it gives a page with the script of the plots and no section, at a fifth of the time."""
 
@@ -69,7 +79,7 @@ def opening(chromium) -> Iterator[Callable[..., object]]:
     faults: list[str] = []
 
     def watch(page) -> None:
-        page.wait_for_function = partial(page.wait_for_function, polling=LOOK)
+        page.wait_for_function = partial(_wait, page.wait_for_function)
         page.on("pageerror", lambda error: faults.append(f"error: {error}"))
         page.on("request", lambda request: _local(request.url) or faults.append(f"asked elsewhere: {request.url}"))
 
@@ -112,6 +122,15 @@ def stand_in(folder: Path) -> Iterator[None]:
     finally:
         server.kill()
         server.communicate()
+
+
+def _wait(wait_for_function: Callable[..., object], expression: str, **options: object) -> object:
+    """Wait for what an expression or a function of JavaScript says of the page, also while the page is loading.
+
+    A click on a link answers before the next page is there: what that page lacks until it is whole has not come yet.
+    On a whole page it is a fault of the test.
+    """
+    return wait_for_function(UNTIL % expression, polling=LOOK, **options)
 
 
 def wait_until(condition: Callable[[], object], what: str) -> None:
