@@ -5,16 +5,18 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.identification.problem.evaluation import Evaluation
+from ipmclab.identification.problem.evaluation import Evaluation, Solvable
 from ipmclab.identification.problem.problem import Noise, Problem
 from ipmclab.identification.problem.response import CircuitResponder
+from ipmclab.identification.search.leaps import led_on
 from ipmclab.identification.search.settled import SETTLED, settle, settled, settled_to
-from ipmclab.identification.search.solve import PATIENCE, THERE, Shifted, Solution, descend, minimise, polish
+from ipmclab.identification.search.solve import LIMIT, PATIENCE, THERE, Shifted, Solution, minimise, polish
 from ipmclab.identification.search.tangent import STRUCTURAL, known_beforehand, with_others
 from ipmclab.identification.search.valleys import AS_GOOD, NEAR
 
@@ -33,7 +35,14 @@ _SAME_NOISE: Final = 0.002  # relative: weights that are that near are the same 
 _WEIGHED_AGAIN: Final = 60  # times (a limit): of runs that disagree a fit that follows one more is led on by weights
 
 
-def minimum(problem: Problem, theta: FloatArray, *, evaluations: int = LONGEST, fall: float | None = None) -> Solution:
+def minimum(
+    problem: Problem,
+    theta: FloatArray,
+    here: Evaluation | None = None,
+    *,
+    evaluations: int = LONGEST,
+    fall: float | None = None,
+) -> Solution:
     """The minimum from a point, as near to it as readings can tell where each evaluation is costly.
 
     Means of the rows lead near it where they are fewer. From there all rows tell what their squares fall by and those
@@ -45,8 +54,10 @@ def minimum(problem: Problem, theta: FloatArray, *, evaluations: int = LONGEST, 
     means, patience = problem.on_means, _patience(problem)
     if means is None:
         tolerance = _tolerance(problem)
-        return minimise(problem, theta, evaluations=evaluations, tolerance=tolerance, patience=patience, fall=fall)
-    near = minimise(means, theta, evaluations=evaluations, tolerance=NEAR, patience=patience, fall=fall)
+        return _searched(
+            problem, theta, here, evaluations=evaluations, tolerance=tolerance, patience=patience, fall=fall
+        )
+    near = _searched(means, theta, evaluations=evaluations, tolerance=NEAR, patience=patience, fall=fall)
     found = on_every_row(problem, near)
     if not found.converged:
         return found
@@ -68,8 +79,28 @@ def minimum(problem: Problem, theta: FloatArray, *, evaluations: int = LONGEST, 
         if fallen < 0.0:
             break  # so far from a minimum means are no guide
         found = near
-    last = minimise(problem, found.theta, found.evaluation, evaluations=evaluations, tolerance=NEAR, patience=patience)
+    last = _searched(problem, found.theta, found.evaluation, evaluations=evaluations, tolerance=NEAR, patience=patience)
     return replace(last, evaluations=last.evaluations + found.evaluations)
+
+
+def _searched(
+    problem: Solvable,
+    theta: FloatArray,
+    here: Evaluation | None = None,
+    *,
+    evaluations: int,
+    tolerance: float,
+    patience: int | None,
+    fall: float | None = None,
+) -> Solution:
+    """A search; where a whole one came to its limit, another from where its valley leads."""
+    search = partial(minimise, problem, evaluations=evaluations, tolerance=tolerance, patience=patience, fall=fall)
+    found = search(theta, here)
+    if found.message != LIMIT or evaluations < LONGEST:
+        return found
+    further = led_on(problem, theta, found)
+    last = search(further.theta, further.evaluation)
+    return replace(last, evaluations=last.evaluations + further.evaluations)
 
 
 def minimum_near(
@@ -81,11 +112,10 @@ def minimum_near(
     fall: float | None = None,
 ) -> Solution:
     """The same from a point that is near it, by Gauss-Newton steps where these get there."""
-    if problem.on_means is None:
-        tolerance, patience = _tolerance(problem), _patience(problem)
-        return descend(problem, theta, here, evaluations=evaluations, tolerance=tolerance, patience=patience, fall=fall)
+    if here is None and problem.on_means is None:
+        here = problem.evaluate(theta)
     near = polish(problem, theta, here) if here is not None else None
-    return near or minimum(problem, theta, evaluations=evaluations, fall=fall)
+    return near or minimum(problem, theta, here, evaluations=evaluations, fall=fall)
 
 
 def settled_nearest(problem: Problem, solution: Solution, reference: FloatArray) -> Solution:

@@ -23,19 +23,22 @@ NOTHING: Final = 1e-12  # of the cost: a decrease that is rounding
 HARDLY: Final = 1e-9  # of the cost: where it does not fall, a decrease that need not have come
 _MOST_FOLLOWED: Final = 6  # steps of the others after an entry that moved, after which the search takes over
 PATIENCE: Final = 30
-"""Evaluations in which the cost of a fit has to fall by ``_HARDLY_FALLS``: along a valley there is no last step."""
+"""Evaluations in which the cost of a fit has to fall by ``HARDLY_FALLS``: along a valley there is no last step."""
 
-_HARDLY_FALLS: Final = 0.1  # of chi-square: less than readings tell
+HARDLY_FALLS: Final = 0.1
+"""Of chi-square: less than readings tell."""
+
 _LATELY: Final = 15  # evaluations that tell how fast a cost falls (convention)
 AT_BOUND: Final = 1e-3
 """Of a logarithm or a scale: an entry that near to its bound says no more than that it is there."""
 
 THERE: Final = "the parameters stopped moving"
+LIMIT: Final = "the limit of evaluations was reached before the cost stopped falling"
 _TOO_SLOW: Final = "another search was lower, and this one fell too slowly to come down to it"
 
 # By the status of SciPy's ``least_squares``.
 _REASONS: Final = {
-    0: "the limit of evaluations was reached before the cost stopped falling",
+    0: LIMIT,
     1: "the gradient vanished",
     2: "the cost stopped falling",
     3: THERE,
@@ -351,7 +354,7 @@ class _Fallen:
                 raise _TooSlow
         if limits.patience is None or len(self.costs) <= limits.patience:
             return
-        if self.costs[-1 - limits.patience] - cost < _HARDLY_FALLS * cost / max(len(here.residual), 1):
+        if self.costs[-1 - limits.patience] - cost < HARDLY_FALLS * cost / max(len(here.residual), 1):
             raise _HardlyFalls
 
 
