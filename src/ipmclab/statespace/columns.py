@@ -75,6 +75,18 @@ def constants(time: FloatArray) -> FloatArray:
     return np.column_stack([np.ones(len(time)), (time - middle) / half])
 
 
+def held_constants(time: FloatArray, terms: Terms) -> tuple[FloatArray, float]:
+    """The columns of those that a noise has, shape (n_readings, n_held), and the time at which its trend adds nothing.
+
+    With an offset beside it that time is arbitrary, and the middle. A trend alone stands beside an offset that is asked
+    elsewhere, or that rows at 0 V show: that is the one at the first reading, where the trend begins.
+    """
+    columns = constants(time)[:, terms.held]
+    if terms.trend and not terms.offset:
+        return columns + 1.0, float(time[0])
+    return columns, 0.5 * float(time[0] + time[-1])
+
+
 def without(products: FloatArray, terms: Terms) -> tuple[FloatArray, float]:
     """Products of directions and residual with the constants of the terms projected out, and log det of theirs."""
     held = terms.held

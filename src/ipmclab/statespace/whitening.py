@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.run import FloatArray
-from ipmclab.statespace.columns import constants, whitened
+from ipmclab.statespace.columns import held_constants, whitened
 from ipmclab.statespace.terms import StateSpace, Terms, state_space
 
 
@@ -52,7 +52,7 @@ class Whitening:
     ) -> Whitening:
         """Made ready from a shape of the noise; ``time`` and ``steps`` of the measured readings."""
         space = state_space(terms, entries)
-        held = constants(time)[:, terms.held]
+        held, _ = held_constants(time, terms)
         basis, triangle = np.linalg.qr(whitened(space, held, steps)[0] / scale)
         return cls(terms, space, scale, steps, inside, basis, np.asarray(np.linalg.inv(triangle)))
 
@@ -68,7 +68,7 @@ class Whitening:
         return found
 
     def constants(self, residual: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Offset and trend of a residual and their covariance, in units of the rows; time as in ``constants``."""
+        """Offset and trend of a residual and their covariance, in units of the rows; time as in ``held_constants``."""
         answer = self.back @ (self.basis.T @ self._white(residual[None])[:, 0])
         return answer, self.back @ self.back.T
 

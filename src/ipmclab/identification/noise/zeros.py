@@ -25,7 +25,7 @@ from ipmclab.identification.problem.evaluation import Evaluation
 from ipmclab.identification.problem.problem import Noise, Problem
 from ipmclab.identification.problem.record import PreparedRun
 from ipmclab.run import FloatArray
-from ipmclab.statespace.columns import constants
+from ipmclab.statespace.columns import held_constants
 from ipmclab.statespace.shape import Shape
 from ipmclab.statespace.terms import Terms
 
@@ -47,8 +47,8 @@ class Zero:
         What each adds to the readings.
     inside : bool array, shape (n_rows,)
         Rows that are measured; the others are bounds.
-    middle, half : float [s]
-        Where the middle of the readings lies, and half their length: the unit of the slope's column.
+    origin, half : float [s]
+        Where the slope adds nothing, and half the length of the readings: the unit of its column.
     rest : SlopeAtRest
         The slope that the rows at 0 V have.
     most : float [SI]
@@ -61,7 +61,7 @@ class Zero:
     terms: Terms
     columns: FloatArray
     inside: npt.NDArray[np.bool_]
-    middle: float
+    origin: float
     half: float
     rest: SlopeAtRest
     most: float = math.inf
@@ -72,7 +72,8 @@ class Zero:
         """The constants that a noise calls for, which is in so many SI units."""
         inside = record.readings[output].exact_of_used
         time = record.times_of(output)
-        middle, half = 0.5 * float(time[0] + time[-1]), 0.5 * float(time[-1] - time[0])
+        columns, origin = held_constants(time, terms)
+        half = 0.5 * float(time[-1] - time[0])
         nothing = SlopeAtRest(0.0, math.inf, np.zeros(0))
         rest = slope_at_rest(record, output, noise, unit) if terms.trend else nothing
         most = math.inf
@@ -83,12 +84,12 @@ class Zero:
                 most = LARGEST_ZERO * largest
                 rest = rest._replace(error=min(rest.error, most / half))
         inflation = slope_inflation(time, record.step, noise) if terms.trend else 1.0
-        return cls(terms, constants(time)[:, terms.held], inside, middle, half, rest, most, inflation)
+        return cls(terms, columns, inside, origin, half, rest, most, inflation)
 
     def on(self, record: PreparedRun, output: str) -> Zero:
         """The same beside means of the rows."""
         reading = record.readings[output]
-        away = (record.times_of(output) - self.middle) / self.half
+        away = (record.times_of(output) - self.origin) / self.half
         rows = np.array([np.ones(len(away)), away])[self.terms.held]
         weights = 1.0 if reading.weights is None else reading.weights[reading.exact]
         inside, rest = record.readings[output].exact_of_used, self.rest._replace(weights=np.zeros(0))
@@ -227,7 +228,7 @@ class DriftingProblem(Changed):
         return found
 
     def constants(self, key: Key, plain: FloatArray) -> FloatArray:
-        """The best zero at the middle of the readings, and slope over half of them, for a residual in its own units."""
+        """The best zero, where the slope adds nothing, and slope over half of the readings; for a residual in its units."""
         zero, projection = self.zeros[key], self.projections[key]
         away = -(plain[zero.inside] + projection.expected)
         return np.asarray(projection.centre + projection.answer @ away)
