@@ -54,10 +54,8 @@ from ipmclab.identification.undetermined.practical import practical
 from ipmclab.model import Actuator
 from ipmclab.model.environment.age import AGE, Age
 from ipmclab.model.parameters import Parameter
-from ipmclab.run import Finding, Run
+from ipmclab.run import Finding, FloatArray, Run
 from ipmclab.version import __version__
-
-FloatArray = npt.NDArray[np.float64]
 
 _MOTION: Final = frozenset({"displacement", "force"})
 

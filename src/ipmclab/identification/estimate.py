@@ -7,7 +7,6 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
-import numpy.typing as npt
 
 from ipmclab.confidence import NORMAL_95
 from ipmclab.identification.noise.correlate import Correlated, with_noise
@@ -50,8 +49,7 @@ from ipmclab.identification.uncertainty.unshown_zero import unshown_zeros
 from ipmclab.model import Actuator
 from ipmclab.model.parameters import Parameter
 from ipmclab.progress import stage
-
-FloatArray = npt.NDArray[np.float64]
+from ipmclab.run import FloatArray
 
 
 def estimate(actuator: Actuator, names: FreeParameters, records: Sequence[PreparedRun]) -> Estimate:

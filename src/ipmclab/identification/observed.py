@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
 from ipmclab.fit.observation import Observation
 from ipmclab.fit.row_marks import RowMarks
@@ -15,10 +14,8 @@ from ipmclab.identification.problem.order import Order
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.problem.record import PreparedRun
 from ipmclab.identification.search.solve import Solution
-from ipmclab.run import Run
+from ipmclab.run import FloatArray, Run
 from ipmclab.strip_state.run_state import RunState
-
-FloatArray = npt.NDArray[np.float64]
 
 
 def observation(

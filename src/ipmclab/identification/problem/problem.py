@@ -21,9 +21,9 @@ from ipmclab.model.declared import is_proportional
 from ipmclab.model.environment import sorption
 from ipmclab.model.sensitivity import Sensitivities, widened
 from ipmclab.progress import tick
+from ipmclab.run import FloatArray
 from ipmclab.strip_state.run_state import RunState
 
-FloatArray = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 Noise = Mapping[tuple[int, str], float]
 

@@ -23,10 +23,9 @@ from ipmclab.model.simulate import series_shunt
 from ipmclab.quality import censored, usable
 from ipmclab.quality.noise import noise_of_readings, quantum_of
 from ipmclab.quality.record import Channel
-from ipmclab.run import Finding, Hold, Run
+from ipmclab.run import Finding, FloatArray, Hold, Run
 from ipmclab.strip_state.run_state import RunState
 
-FloatArray = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 _Kept = TypeVar("_Kept")
 

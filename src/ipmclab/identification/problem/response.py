@@ -7,7 +7,6 @@ from dataclasses import replace
 from typing import Any, Protocol
 
 import numpy as np
-import numpy.typing as npt
 
 from ipmclab.identification.problem.record import PreparedRun, drive, model_hold
 from ipmclab.model import Actuator
@@ -18,8 +17,7 @@ from ipmclab.model.numerics.drive import respond
 from ipmclab.model.numerics.poles_loop import pole_values
 from ipmclab.model.sensitivity import Kept, Sensitivities, sensitivities
 from ipmclab.model.stages.circuit import CONTACT, Circuit
-
-FloatArray = npt.NDArray[np.float64]
+from ipmclab.run import FloatArray
 
 
 class Responder(Protocol):

@@ -6,12 +6,10 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 
 from ipmclab.fit.as_fitted import is_same
 from ipmclab.model import Actuator
-
-FloatArray = npt.NDArray[np.float64]
+from ipmclab.run import FloatArray
 
 _SAME: Final = 1e-9
 """Part of a variance, and of the largest eigenvalue: what is less is rounding."""

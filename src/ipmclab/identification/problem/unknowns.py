@@ -8,7 +8,6 @@ from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from ipmclab.identification.problem.edge_delay import EdgeDelay
 from ipmclab.identification.problem.free import FreeParameters, Prior
@@ -17,8 +16,7 @@ from ipmclab.model.declared import declaration_of, largest_proportional
 from ipmclab.model.environment.age import Age
 from ipmclab.model.parameters import Parameter
 from ipmclab.model.stages.coupling import ZERO
-
-FloatArray = npt.NDArray[np.float64]
+from ipmclab.run import FloatArray
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,6 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from ipmclab.fit.fit import DETERMINED
 from ipmclab.identification.problem.free import FreeParameters
@@ -24,8 +23,6 @@ from ipmclab.model.declared import is_of_circuit
 from ipmclab.model.stages.circuit import DC, SERIES, slowest_branch
 from ipmclab.model.stages.coupling import GAIN, ZERO
 from ipmclab.model.stages.leak import SLOW_TIME
-
-FloatArray = npt.NDArray[np.float64]
 
 _WEAK: Final = 0.2  # standard error of a logarithm from which other valleys are looked for
 _SETTLED: Final = 1e-3  # of chi-square: a further step of the others would lower it by less

@@ -6,15 +6,13 @@ from collections.abc import Callable, Sequence
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from ipmclab.identification.problem.evaluation import Evaluation
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.search.descent import HOPE, SHORTLY, minimum_near
 from ipmclab.identification.search.solve import Solution
 from ipmclab.identification.search.valleys import AS_GOOD, Place, Rival
-
-FloatArray = npt.NDArray[np.float64]
+from ipmclab.run import FloatArray
 
 _SAME: Final = 1e-3  # of an entry: a search that ends so near found the same point
 

@@ -18,7 +18,6 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from ipmclab.identification.problem.evaluation import Evaluation, Solvable
 from ipmclab.identification.problem.problem import Problem
@@ -27,8 +26,7 @@ from ipmclab.identification.search.solve import Solution, descend, minimise
 from ipmclab.identification.search.tangent import entry_errors
 from ipmclab.identification.search.valleys import EVALUATIONS, NEAR, SURELY_SOMEWHERE, Place
 from ipmclab.model.stages.circuit import Circuit, branch_names
-
-FloatArray = npt.NDArray[np.float64]
+from ipmclab.run import FloatArray
 
 _WEAK: Final = 0.2  # standard error of a logarithm from which a branch may as well be elsewhere
 _FASTEST: Final = 0.3  # rows: the shortest time constant that is tried (convention)

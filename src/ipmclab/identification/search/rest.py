@@ -6,14 +6,12 @@ from collections.abc import Callable, Sequence
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from ipmclab.confidence import REJECT
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.problem.record import ASSUMED_REST
 from ipmclab.identification.search.solve import Solution
-
-FloatArray = npt.NDArray[np.float64]
+from ipmclab.run import FloatArray
 
 _BLIND: Final = 1e-4  # part of a column that the free parameters do not imitate, below which it says nothing
 

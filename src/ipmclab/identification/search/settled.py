@@ -6,14 +6,12 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from ipmclab.identification.problem.evaluation import Evaluation, Searched, Solvable
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.search.solve import AT_BOUND, HARDLY, MOST_STEPS, Pinned, Solution, farthest, polish
 from ipmclab.identification.search.tangent import gauss_newton, null_directions, with_others
-
-FloatArray = npt.NDArray[np.float64]
+from ipmclab.run import FloatArray
 
 SETTLED: Final = 1e-9
 """Of a standard error: a step shorter than that is none."""

@@ -7,14 +7,12 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from ipmclab.identification.problem.order import Order, exchangeable
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.problem.unknowns import Unknown
 from ipmclab.identification.search.solve import Solution
-
-FloatArray = npt.NDArray[np.float64]
+from ipmclab.run import FloatArray
 
 AS_GOOD: Final = 4.0
 """Of chi-square: a minimum no higher than that is as good."""

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from ipmclab.model import Actuator
 from ipmclab.model.stages.relaxation import mode_name, pair_name
+from ipmclab.run import FloatArray
 
-FloatArray = npt.NDArray[np.float64]
 Modes = tuple[tuple[float, float], ...]
 """Slow modes as (ratio, time constant [s]), fastest first."""
 

@@ -8,7 +8,6 @@ from itertools import combinations
 from typing import Final, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from ipmclab.identification.problem.free_run import seen_from_sensor
 from ipmclab.identification.problem.record import PreparedRun, model_hold
@@ -17,8 +16,7 @@ from ipmclab.identification.search.starts.slow_modes import slow_modes, slow_pol
 from ipmclab.identification.search.varpro import PoleFit, all_minima, near_pairs, pair_minima, search_poles
 from ipmclab.model import Actuator, simulate_outputs
 from ipmclab.model.numerics.drive import Drive, responses
-
-FloatArray = npt.NDArray[np.float64]
+from ipmclab.run import FloatArray
 
 _NONE: Final = np.empty(0)  # where no poles stand beside those of d(s)
 _STATIC: Final = 1e-3  # of what d(s) has at its corner, where the best static part is none that a strip has

@@ -12,7 +12,6 @@ from itertools import product
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from ipmclab.identification.problem.record import PreparedRun
 from ipmclab.identification.problem.response import lumped
@@ -24,8 +23,7 @@ from ipmclab.model.admittance import Admittance, admittance
 from ipmclab.model.declared import is_of_leak
 from ipmclab.model.numerics.drive import responses
 from ipmclab.model.stages.leak import ELECTROLYSIS
-
-FloatArray = npt.NDArray[np.float64]
+from ipmclab.run import FloatArray
 
 _EDGE: Final = 0.05  # of the largest voltage: a jump at a row
 _HINGES: Final = (0.3, 0.5, 0.7, 0.85)  # parts of the largest node voltage
