@@ -174,7 +174,7 @@ class Correlated:
         rows = self.plain.rows.copy()
         for key in self.zeros:
             rows[-1, self.problem.pieces[key]] = self.left(key)
-        return self._white_problem.whiten(Evaluation(rows, self.plain.beforehand))
+        return self._white_problem.changed(Evaluation(rows, self.plain.beforehand))
 
     @cached_property
     def _white_problem(self) -> CorrelatedProblem:

@@ -72,7 +72,7 @@ def _fitted(least: Correlated, everywhere: Again, nearby: Again) -> Correlated:
         whitenings = {key: piece.whitening(shapes[key]) for key, piece in pieces.items()}
         problem = CorrelatedProblem(here.problem.plain, whitenings)
         search = nearby if turn else everywhere
-        solution = search(problem, replace(here.solution, evaluation=problem.whiten(here.plain)))[1]
+        solution = search(problem, replace(here.solution, evaluation=problem.changed(here.plain)))[1]
         moved = _length(solution.evaluation, solution.theta - here.solution.theta)
         here = replace(here, problem=problem, solution=solution, plain=problem.plain.evaluate(solution.theta))
         if (turn and moved < _STILL) or turn == _TURNS - 1:

@@ -27,6 +27,17 @@ class Changed(Problem):
         """The problem with fewer unknowns, changed alike, and other values of what is no longer free."""
         return self.on(self.plain.without(columns, values))
 
+    def evaluate(self, theta: FloatArray) -> Evaluation:
+        """Changed residuals and Jacobian."""
+        return self.changed(super().evaluate(theta))
+
+    def changed(self, here: Evaluation) -> Evaluation:
+        """An evaluation of the plain problem as one of this."""
+        rows = here.rows.copy()
+        for key, piece in self.pieces.items():
+            rows[:, piece] = self.whitened(key, rows[:, piece])
+        return Evaluation(rows, here.beforehand)
+
     def fixed_jacobian(self, theta: FloatArray, names: Sequence[str]) -> FloatArray:
         """Changed derivatives of the residuals with respect to fixed parameters [per SI unit]."""
         found = super().fixed_jacobian(theta, names)
@@ -61,17 +72,6 @@ class CorrelatedProblem(Changed):
     def with_noise(self, noise: Noise) -> Problem:
         """The problem with other weights, and white."""
         return self.plain.with_noise(noise)
-
-    def evaluate(self, theta: FloatArray) -> Evaluation:
-        """Whitened residuals and Jacobian."""
-        return self.whiten(super().evaluate(theta))
-
-    def whiten(self, here: Evaluation) -> Evaluation:
-        """An evaluation of the plain problem, whitened."""
-        rows = here.rows.copy()
-        for key in self.whitenings:
-            rows[:, self.pieces[key]] = self.whitened(key, rows[:, self.pieces[key]])
-        return Evaluation(rows, here.beforehand)
 
     def whitened(self, key: tuple[int, str], rows: FloatArray) -> FloatArray:
         """Rows of one output of one run, whitened where its noise is not white."""

@@ -201,21 +201,13 @@ class DriftingProblem(Changed):
         """An evaluation as it is under other weights: what is known of a slope weighs anew too."""
         return self.with_noise(noise).evaluate(theta)
 
-    def evaluate(self, theta: FloatArray) -> Evaluation:
-        """Residuals and Jacobian, the best zeros and slopes taken out."""
-        return self.zeros_taken_out(super().evaluate(theta))
-
-    def zeros_taken_out(self, here: Evaluation) -> Evaluation:
+    def changed(self, here: Evaluation) -> Evaluation:
         """An evaluation of the plain problem, the best zeros and slopes taken out."""
         rows = here.rows.copy()
-        for key, piece in self.pieces.items():
-            if key in self.zeros:
-                inside = self.zeros[key].inside
-                # The residual is model less reading: what the sensor is expected to add is not the model's.
-                own = rows[:, piece][:, inside]
-                own[-1] += self.projections[key].expected
-                rows[:, np.arange(piece.start, piece.stop)[inside]] = self.projections[key].apply(own.T).T
-        return Evaluation(rows, here.beforehand)
+        for key, zero in self.zeros.items():
+            # The residual is model less reading: what the sensor is expected to add is not the model's.
+            rows[-1, self.pieces[key]][zero.inside] += self.projections[key].expected
+        return super().changed(Evaluation(rows, here.beforehand))
 
     def whitened(self, key: Key, rows: FloatArray) -> FloatArray:
         """Rows of one output of one run, zero and slope taken out."""
