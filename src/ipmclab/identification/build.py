@@ -128,22 +128,20 @@ def build_fit(
         variance = float(found.covariance[number, number])
         wider = half_width(unknown, interval) / NORMAL_95 if unknown.name in ambiguous else 0.0
         if unknown.log and wider**2 > variance:
-            variance = max(variance, wider**2)
-            error = max(error, wider)
+            variance, error = wider**2, max(error, wider)
         if unknown.name in while_kept:
             middle, deviation = while_kept[unknown.name]
             reach = NORMAL_95 * deviation
             ends = values_within_bounds(unknown, middle - reach, middle + reach)
             interval = min(interval[0], ends[0]), max(interval[1], ends[1])
             variance = max(variance, deviation**2, (middle - float(solution.theta[place])) ** 2)
-            size = 1.0 if unknown.log else max(abs(value) / unknown.scale, 1.0)
-            error = max(error, math.sqrt(variance) / size)
+            error = max(error, math.sqrt(variance) / unknown.size(value))
         fitted[name] = FittedParameter(
             name=name,
             value=value,
             unit=parameters[unknown.base].unit if unknown.base in parameters else _unit(unknown.base),
             symbol=parameters[order(unknown.base)].symbol if unknown.base in parameters else "",
-            standard_error=_standard_error(unknown, value, variance, error),
+            standard_error=math.inf if math.isinf(error) else math.sqrt(max(variance, 0.0)) * unknown.chain(value),
             interval=interval,
             determined=agree
             and min(error, nearer_error) <= DETERMINED
@@ -271,10 +269,6 @@ def _exact_names(actuator: Actuator, problem: Problem, taken: set[str]) -> list[
     return [name for name in candidates if name not in taken and name in actuator.parameter_values]
 
 
-def _standard_error(unknown: Unknown, value: float, variance: float, error: float) -> float:
-    return math.inf if math.isinf(error) else math.sqrt(max(variance, 0.0)) * unknown.chain(value)
-
-
 def _unit(base: str) -> str:
     if base == "observation.delay":
         return "s"
@@ -312,11 +306,7 @@ def _correlations(
 
 
 def _covariance(
-    asked: Sequence[Unknown],
-    values: FloatArray,
-    found: Uncertainty,
-    stated: Table,
-    order: Order,
+    asked: Sequence[Unknown], values: FloatArray, found: Uncertainty, stated: Table, order: Order
 ) -> dict[str, dict[str, float]]:
     names = [order(unknown.name) for unknown in asked]
     chains = [unknown.chain(float(value)) for unknown, value in zip(asked, values, strict=True)]
@@ -324,21 +314,12 @@ def _covariance(
     return covariance_table(names, found.covariance, chains, {order(one): found.slopes[one] for one in stated}, held)
 
 
-def _fitted_actuator(
-    actuator: Actuator,
-    problem: Problem,
-    solution: Solution,
-    fit: Fit,
-    order: Order,
-) -> Actuator:
+def _fitted_actuator(actuator: Actuator, problem: Problem, solution: Solution, fit: Fit, order: Order) -> Actuator:
     every = [problem.in_reference(solution.theta, record.place) for record in problem.records]
     means = np.mean([[run[name] for name in actuator.parameter_values] for run in every], axis=0)
-    values = dict(zip(actuator.parameter_values, means.tolist(), strict=True))
-    uncertain = {
-        n: u for n, u in actuator.standard_uncertainties.items() if n not in {x.base for x in problem.unknowns}
-    }
-    values = {order(name): value for name, value in values.items()}
-    uncertain = {order(name): value for name, value in uncertain.items()}
+    values = {order(name): mean for name, mean in zip(actuator.parameter_values, means.tolist(), strict=True)}
+    free = {unknown.base for unknown in problem.unknowns}
+    uncertain = {order(name): one for name, one in actuator.standard_uncertainties.items() if name not in free}
     for name, parameter in fit.parameters.items():
         if name in values and parameter.determined:
             uncertain[name] = parameter.standard_error
