@@ -315,6 +315,12 @@ def rest_rows(run: Run) -> int:
     return int(moved[0]) if len(moved) else len(run)
 
 
+def fastest_rate(records: Iterable[PreparedRun]) -> float:
+    """The highest Nyquist rate [1/s] of the records that show motion; 0 where none does."""
+    moving = (record.run.rate for record in records if {"force", "displacement"} & set(record.readings))
+    return float(np.pi * max(moving, default=0.0))
+
+
 def as_read(record: PreparedRun, held: Mask | None = None) -> Run:
     """The run as a fit sees it: a reading that is not used, or ``held`` out, is missing; so is a channel not read."""
     channels: dict[str, Any] = dict.fromkeys(READ_OUTPUTS)

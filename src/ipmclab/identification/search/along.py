@@ -11,11 +11,11 @@ import numpy as np
 from ipmclab.fit.fit import DETERMINED
 from ipmclab.identification.problem.free import FreeParameters
 from ipmclab.identification.problem.problem import Problem
+from ipmclab.identification.problem.record import fastest_rate
 from ipmclab.identification.problem.response import CircuitResponder
 from ipmclab.identification.search.branch_valley import branch_valley
 from ipmclab.identification.search.descent import on_every_row, shorter
 from ipmclab.identification.search.solve import Pinned, Solution, descend
-from ipmclab.identification.search.starts.start import fastest_rate
 from ipmclab.identification.search.tangent import entry_errors
 from ipmclab.identification.search.valleys import AS_GOOD, EVALUATIONS, NEAR, Place, Valley
 from ipmclab.model import Actuator

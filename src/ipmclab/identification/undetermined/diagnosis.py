@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 
 from ipmclab.fit.fit import DETERMINED, Direction
-from ipmclab.identification.problem.record import PreparedRun
+from ipmclab.identification.problem.record import PreparedRun, fastest_rate
 from ipmclab.identification.problem.unknowns import Unknown
 from ipmclab.identification.search.valleys import Rival
 from ipmclab.identification.uncertainty.covariance import MOVED, Uncertainty
@@ -309,7 +309,7 @@ def _gain_against_zero(
     """
     if "coupling.zero" not in names or "coupling.gain" not in names:
         return ()
-    nyquist = float(np.pi * max(r.run.rate for r in records if {"force", "displacement"} & set(r.readings)))
+    nyquist = fastest_rate(records)
     zero = values["coupling.zero"]
     if zero > nyquist:
         why = f"the zero at {zero:.4g} 1/s lies beyond the Nyquist rate of these runs, {nyquist:.4g} 1/s"

@@ -180,8 +180,3 @@ def _series_values(
         else:
             found.append({CONTACT: max(series - values[SHEET] * squares, 0.01 * series)})
     return found
-
-
-def fastest_rate(records: Sequence[PreparedRun]) -> float:
-    """The highest Nyquist rate [1/s] of the records that show motion."""
-    return float(np.pi * max(record.run.rate for record in records if {"force", "displacement"} & set(record.readings)))

@@ -10,7 +10,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from ipmclab.identification.problem.free_run import seen_from_sensor
-from ipmclab.identification.problem.record import PreparedRun, model_hold
+from ipmclab.identification.problem.record import PreparedRun, fastest_rate, model_hold
 from ipmclab.identification.search.searched_run import SearchedRun
 from ipmclab.identification.search.starts.slow_modes import slow_modes, slow_poles, slow_values
 from ipmclab.identification.search.varpro import PoleFit, all_minima, near_pairs, pair_minima, search_poles
@@ -140,7 +140,7 @@ def _of_pair(found: PoleFit) -> _Quadratic:
 
 def _start(motion: MotionSeries, fast: _Quadratic, poles: FloatArray = _NONE, residues: FloatArray = _NONE) -> _Start:
     """A start from the poles of d(s) and those of slow modes beside them."""
-    nyquist = float(np.pi * max(record.run.rate for record, _ in motion.labels))
+    nyquist = fastest_rate(record for record, _ in motion.labels)
     # No strip has a static part that is not above zero: nearly none is what is nearest.
     level = fast.level if fast.level > 0.0 else _STATIC * abs(fast.gain) * fast.p2**0.5 or 1e-12
     seen_zero = level / fast.gain if fast.gain > 0 else np.inf
