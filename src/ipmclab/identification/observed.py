@@ -15,7 +15,6 @@ from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.problem.record import PreparedRun
 from ipmclab.identification.search.solve import Solution
 from ipmclab.run import FloatArray, Run
-from ipmclab.strip_state.run_state import RunState
 
 
 def observation(
@@ -56,16 +55,10 @@ def observation(
         series_resistance=record.series_resistance,
         noise_model={output: model for (at, output), model in correlated.noise.items() if at == place},
         mounting=record.run.metadata.mounting_id or "",
-        state=_state(record, problem, theta),
+        # With the water content at which its readings are met best.
+        state=None if record.state is None else replace(record.state, found=problem.water(theta, place)),
         marks=RowMarks.of(run),
     )
-
-
-def _state(record: PreparedRun, problem: Problem, theta: FloatArray) -> RunState | None:
-    """The state of the strip in one run, with the water content at which its readings are met best."""
-    if record.state is None:
-        return None
-    return replace(record.state, found=problem.water(theta, record.place))
 
 
 def _sum(one: Mapping[str, float], other: Mapping[str, float]) -> dict[str, float]:
@@ -82,8 +75,6 @@ def residuals(problem: Problem, correlated: Correlated) -> tuple[dict[str, Float
             key = record.place, output
             column = np.full(len(reading.values), np.nan)
             column[reading.used] = -correlated.plain.residual[pieces[key]] * problem.noise[key]
-            since = record.run.time - record.run.time[0]
-            column -= correlated.offset.get(key, 0.0) + correlated.drift.get(key, 0.0) * since
-            of_run[output] = column
+            of_run[output] = column - correlated.beside(key)
         found.append(of_run)
     return tuple(found)

@@ -130,9 +130,9 @@ class Correlated:
         """What its zero and its slope add to each row of an output of a run [SI], unknowns of the fit or beside it."""
         place, output = key
         unknowns = np.zeros(len(self.problem.record_at(place).run.time))
-        return self.problem.with_sensor(place, output, self.solution.theta, unknowns) + self._beside(key)
+        return self.problem.with_sensor(place, output, self.solution.theta, unknowns) + self.beside(key)
 
-    def _beside(self, key: Key) -> FloatArray:
+    def beside(self, key: Key) -> FloatArray:
         """What a zero and a slope that stand beside the unknowns add to each row [SI]."""
         offset, drift = self._constants.get(key, (0.0, 0.0))
         time = self.problem.record_at(key[0]).run.time
@@ -153,7 +153,7 @@ class Correlated:
         residual = self.plain.residual[self.problem.pieces[key]]
         if key not in self._constants:
             return residual
-        added = self._beside(key)[self.problem.record_at(key[0]).readings[key[1]].used]
+        added = self.beside(key)[self.problem.record_at(key[0]).readings[key[1]].used]
         return np.asarray(residual + np.where(self.pieces[key].inside, added / self.problem.noise[key], 0.0))
 
     def left_at_rest(self, key: Key) -> FloatArray:
