@@ -20,12 +20,8 @@ Inflation = Callable[[FloatArray], float]
 """How many times more the cost along a difference of residuals varies than under white noise."""
 
 
-def _as_white(_: FloatArray) -> float:
-    return 1.0
-
-
 def allowed_places(
-    problem: Problem, solution: Solution, valley: Sequence[Place], inflation: Inflation = _as_white
+    problem: Problem, solution: Solution, valley: Sequence[Place], inflation: Inflation = lambda _: 1.0
 ) -> tuple[Rival, ...]:
     """The places of a valley that the readings allow, under the noise that was found."""
     least = solution.evaluation.cost
@@ -41,7 +37,7 @@ def still_rivals(
     problem: Problem,
     solution: Solution,
     rivals: Sequence[Rival],
-    inflation: Inflation = _as_white,
+    inflation: Inflation = lambda _: 1.0,
     *,
     is_searched: bool = False,
 ) -> tuple[Rival, ...]:

@@ -60,12 +60,10 @@ def _explains(columns: FloatArray, basis: FloatArray, residual: FloatArray, unkn
     return bool(fdtrc(added, freedom, explained / added / (remaining / freedom)) < REJECT)
 
 
-def _as_white(columns: FloatArray) -> FloatArray:
-    return columns.T @ columns
-
-
 def could_be_zero(
-    solution: Solution, columns: Sequence[int], covariance_of: Callable[[FloatArray], FloatArray] = _as_white
+    solution: Solution,
+    columns: Sequence[int],
+    covariance_of: Callable[[FloatArray], FloatArray] = lambda columns: columns.T @ columns,
 ) -> bool:
     """Whether some linear unknowns differ from zero by no more than the noise makes them (Wald's test, 0.1 %).
 
