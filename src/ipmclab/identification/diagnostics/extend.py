@@ -39,15 +39,12 @@ class Extended:
 
     Parameters
     ----------
-    direction : ScoreDirection
-        The stage.
     problem : Problem
         Not whitened, with the weights of the fit without it.
     solution : Solution
         Near the least squares of white noise.
     """
 
-    direction: ScoreDirection
     problem: Problem
     solution: Solution
 
@@ -98,7 +95,7 @@ def from_here(
         found = _briefly(wider, start, _EVALUATIONS)
     except (IpmclabError, ArithmeticError, ValueError, np.linalg.LinAlgError):
         return None
-    return Extended(direction, wider, found) if np.isfinite(found.evaluation.cost) else None
+    return Extended(wider, found) if np.isfinite(found.evaluation.cost) else None
 
 
 def afresh(
@@ -133,7 +130,7 @@ def afresh(
         tried = []
         for point in islice(starting_points(richer, wider, records), _STARTS):
             own = problem_at(richer, parameters, wider, records, point, problem.noise)
-            tried.append(Extended(direction, own, _briefly(own, entries_at(own, point), SHORTLY)))
+            tried.append(Extended(own, _briefly(own, entries_at(own, point), SHORTLY)))
             if known is not None and abs(tried[-1].cost - known.cost) < _SAME * known.cost:
                 return known
         lowest = min(tried, key=lambda one: one.cost)
