@@ -69,10 +69,9 @@ def estimate(actuator: Actuator, names: FreeParameters, records: Sequence[Prepar
     under, other = noisy(problem, solution)
     resting = _at_rest_after_all(under, given_up)
     if resting:
-        places = set(resting)
-        starts = {c for c, unknown in enumerate(problem.unknowns) if unknown.is_start and unknown.place in places}
-        problem, solution = with_less(problem, solution, starts, places)
-        given_up -= places
+        starts = {column for place in resting for column in problem.places[place].starts}
+        problem, solution = with_less(problem, solution, starts, resting)
+        given_up -= resting
         under, other = noisy(problem, solution)
     stage("asking what the readings do not show", 0.7, 0.75)
     unseen, smaller, there = without_unseen(under)
@@ -141,23 +140,17 @@ def _least_squares(
     return problem, solution, minima, given_up
 
 
-def _at_rest_after_all(under: Correlated, places: Set[int]) -> dict[int, list[int]]:
-    """Runs whose start differs from rest by no more than their noise does, and the entries of their start.
+def _at_rest_after_all(under: Correlated, places: Set[int]) -> set[int]:
+    """Runs whose start differs from rest by no more than their noise does.
 
     White noise is what the first fit assumes. Under autocorrelated noise it contradicts rest far more often
     than its tests say.
     """
-    if not under.shapes:
-        return {}
-    found: dict[int, list[int]] = {}
-    for place in places:
-        there = [
-            column
-            for column, unknown in enumerate(under.problem.unknowns)
-            if unknown.is_start and unknown.place == place
-        ]
+    found = set()
+    for place in places if under.shapes else ():
+        there = under.problem.places[place].starts
         if there and could_be_zero(under.solution, there, under.covariance_of_all):
-            found[place] = there
+            found.add(place)
     return found
 
 
@@ -191,7 +184,7 @@ def _without_stages(
 
 def _in_full(problem: Problem, smaller: Problem, solution: Solution) -> Solution:
     """A point of a problem whose zeros and slopes were left to the noise, with the best of these in the whole one."""
-    if len(problem.unknowns) == len(smaller.unknowns) and problem is smaller:
+    if problem is smaller:
         return solution
     theta = Rival.of(smaller, solution.theta).vector_of(problem.unknowns, np.zeros(len(problem.unknowns)))
     names = {unknown.name for unknown in smaller.unknowns}
