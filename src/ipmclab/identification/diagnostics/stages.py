@@ -10,10 +10,11 @@ from typing import Final
 from ipmclab.identification.diagnostics.columns import along_directions
 from ipmclab.identification.diagnostics.extend import Extended, afresh, from_here
 from ipmclab.identification.diagnostics.left import Left
-from ipmclab.identification.diagnostics.score_directions import ScoreDirection, score_directions
+from ipmclab.identification.diagnostics.score_directions import score_directions
 from ipmclab.identification.problem.free import FreeParameters
 from ipmclab.identification.problem.record import as_read
 from ipmclab.model import Actuator
+from ipmclab.model.stages.kind import Trial
 from ipmclab.ties import largest_first
 
 CLEAR: Final = 25.0  # of evidence, from which a stage is named
@@ -73,21 +74,19 @@ def tried_stages(actuator: Actuator, names: FreeParameters, every: Sequence[Left
         # Where one leaves the noise alone, only those that did not go with the fit as it is.
         best = [found[one.stage] for one in _best_first(tried)[:1]]
         enough = any(not any(left.is_large(one.problem, one.solution.evaluation) for left in doubted) for one in best)
-        for direction in {one.name: one for one in some}.values():
-            known = found.get(direction.name)
+        for direction in {one.stage: one for one in some}.values():
+            known = found.get(direction.stage)
             if enough and known is not None:
                 continue
             extended = afresh(problem, actuator, names, direction, known)
             if extended is not None and extended is not known:
-                tried[direction.name] = judge(direction.name, extended)
+                tried[direction.stage] = judge(direction.stage, extended)
     return _best_first(tried)
 
 
-def _hints(
-    actuator: Actuator, doubted: Sequence[Left], some: Sequence[ScoreDirection]
-) -> dict[str, tuple[float, ScoreDirection, float]]:
+def _hints(actuator: Actuator, doubted: Sequence[Left], some: Sequence[Trial]) -> dict[str, tuple[float, Trial, float]]:
     """For each stage the direction that would lower chi-square most under the noise, by how much, and its size."""
-    best: dict[str, tuple[float, ScoreDirection, float]] = {}
+    best: dict[str, tuple[float, Trial, float]] = {}
     for left in doubted:
         mine = [one for one in some if left.output in one.outputs]
         mine, rows = along_directions(left.problem, left.theta, actuator, mine, left.output)
@@ -96,8 +95,8 @@ def _hints(
         evidence = left.evidence(rows)
         for direction, gain, size in zip(mine, *evidence.alone(left.shapes), strict=True):
             worth = abs(gain) if direction.both_ways else gain
-            if direction.name not in best or worth > best[direction.name][0]:
-                best[direction.name] = float(worth), direction, float(size)
+            if direction.stage not in best or worth > best[direction.stage][0]:
+                best[direction.stage] = float(worth), direction, float(size)
     return best
 
 
