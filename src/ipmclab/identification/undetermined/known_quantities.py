@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 
@@ -140,6 +140,10 @@ def _is_narrow(name: str, value: float, low: float, high: float) -> bool:
     return half <= NORMAL_95 * DETERMINED
 
 
+_Neighbours = tuple[Mapping[str, float], Mapping[str, float], float]
+"""The parameters on both sides of one of them, and how far these are apart."""
+
+
 @dataclass(frozen=True, eq=False)
 class _AtRecord:
     """The quantities that one run shows, each on the scale of its errors: a logarithm, or the value itself."""
@@ -172,29 +176,14 @@ class _AtRecord:
         unknown = self.problem.unknowns[entry]
         ends = [unknown.entry(unknown.value(float(theta[entry]) + step)) for step in (-_STEP, _STEP)]
         below, above = (self.at(np.where(np.arange(len(theta)) == entry, end, theta)) for end in ends)
-        return _Neighbours(below, above, ends[1] - ends[0])
+        return below, above, ends[1] - ends[0]
 
     def along_fixed(self, theta: FloatArray, name: str, value: float, variance: float) -> _Neighbours:
         """On both sides of a fixed value [1/SI]; above one that is 0."""
         step = _STEP * (abs(value) or math.sqrt(variance))
         ends = value - step if value else 0.0, value + step
         below, above = (self.at(theta, **{name: end}) for end in ends)
-        return _Neighbours(below, above, ends[1] - ends[0])
-
-
-class _Neighbours(NamedTuple):
-    """The parameters on both sides of one of them, and how far these are apart."""
-
-    below: Mapping[str, float]
-    above: Mapping[str, float]
-    width: float
-
-    def slopes(self, below: Mapping[str, float], above: Mapping[str, float]) -> dict[str, float]:
-        """Derivatives of the quantities on both sides; none of one that does not exist on both, or where these are
-        one."""
-        return {
-            name: (above[name] - value) / self.width for name, value in below.items() if name in above and self.width
-        }
+        return below, above, ends[1] - ends[0]
 
 
 def _known_at(point: Point, at_record: _AtRecord) -> dict[str, Known]:
@@ -210,10 +199,14 @@ def _known_at(point: Point, at_record: _AtRecord) -> dict[str, Known]:
     neighbours = [*moved, *fixed]
     others = [rival.vector_of(problem.unknowns, theta) for rival in point.rivals]
     there = [base, *(at_record.at(one) for one in (*others, *point.ends))]
-    every = at_record.quantities([*there, *(side for one in neighbours for side in (one.below, one.above))])
+    every = at_record.quantities([*there, *(side for below, above, _ in neighbours for side in (below, above))])
     here, *elsewhere = every[: len(there)]
     sides = every[len(there) :]
-    slopes = [one.slopes(*both) for one, *both in zip(neighbours, sides[::2], sides[1::2], strict=True)]
+    # None of one that does not exist on both sides, or where these are one.
+    slopes = [
+        {name: (above[name] - value) / width for name, value in below.items() if name in above and width}
+        for (_, _, width), below, above in zip(neighbours, sides[::2], sides[1::2], strict=True)
+    ]
     own, of_held = slopes[: len(moved)], slopes[len(moved) :]
     follows = np.array([found.slopes[name] for name in held]).reshape(len(held), len(own))
     together = np.array([[point.stated[one][other] for other in stated] for one in stated])
