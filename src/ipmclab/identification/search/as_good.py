@@ -11,7 +11,7 @@ from ipmclab.identification.problem.evaluation import Evaluation
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.search.descent import HOPE, SHORTLY, minimum_near
 from ipmclab.identification.search.solve import Solution
-from ipmclab.identification.search.valleys import AS_GOOD, Place, Rival
+from ipmclab.identification.search.valleys import AS_GOOD, SURE, Place, Rival
 from ipmclab.run import FloatArray
 
 _SAME: Final = 1e-3  # of an entry: a search that ends so near found the same point
@@ -28,9 +28,15 @@ def allowed_places(
     variance = least / len(solution.evaluation.residual)
     found = []
     for place in valley:
-        times = inflation(place.solution.evaluation.residual - solution.evaluation.residual)
-        found.append(Rival.at(problem, place, least, variance * times))
-    return tuple(rival for rival in found if rival is not None)
+        there = place.solution.evaluation
+        times = inflation(there.residual - solution.evaluation.residual)
+        own = max(variance * times, 1e-300)  # what is open stays open, however well all readings are met
+        left = place.allowed - max(there.cost - least, 0.0) / own
+        if not left < 0.0:
+            # Within a place 95 % of its own, less towards the last one that is allowed.
+            reach = place.errors * np.sqrt(own * min(left, SURE)) if left > 0.0 else None
+            found.append(Rival.of(problem, place.solution.theta, reach))
+    return tuple(found)
 
 
 def still_rivals(
