@@ -268,10 +268,10 @@ def with_rivals(
 
 
 def half_width(unknown: Unknown, interval: tuple[float, float]) -> float:
-    """Of an interval, in entries of a logarithm."""
+    """Of an interval, in entries."""
     low, high = interval
     if not unknown.log:
-        return 0.0
+        return 0.5 * (high - low) / unknown.scale
     return 0.5 * math.log(high / low) if low > 0.0 and math.isfinite(high) else math.inf
 
 
