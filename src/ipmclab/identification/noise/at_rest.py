@@ -52,6 +52,10 @@ class SlopeAtRest(NamedTuple):
         return abs(self.slope) > _SHOWN * self.error
 
 
+NO_SLOPE: Final = SlopeAtRest(0.0, math.inf, np.zeros(0))
+"""Where nothing is known."""
+
+
 def slope_at_rest(record: PreparedRun, output: str, noise: Shape, unit: float) -> SlopeAtRest:
     """Slope of the readings at 0 V before the strip is driven, and its standard error.
 
@@ -70,9 +74,9 @@ def slope_at_rest(record: PreparedRun, output: str, noise: Shape, unit: float) -
         In which the noise is.
     """
     reading = record.readings[output]
-    rows, none = np.flatnonzero(reading.exact[: record.resting]), np.zeros(0)
+    rows = np.flatnonzero(reading.exact[: record.resting])
     if len(rows) < _FEWEST_OF_SLOPE:
-        return SlopeAtRest(0.0, math.inf, none)
+        return NO_SLOPE
     step = reading.quantum
     time = record.run.time[rows]
     values = without_spikes(time, reading.values[rows], step)
@@ -89,10 +93,10 @@ def slope_at_rest(record: PreparedRun, output: str, noise: Shape, unit: float) -
         own = max(own, whole * min(observed, 1.0))
     variance = own / half**2 + (step / (2.0 * half)) ** 2 / 12.0
     if not variance > 0.0:  # readings that are all alike, and no converter's step known: nothing measured
-        return SlopeAtRest(0.0, math.inf, none)
+        return NO_SLOPE
     slope = float(answer[1]) / half
     if record.start == "free":
-        return SlopeAtRest(0.0, math.hypot(slope, math.sqrt(variance)), none)
+        return NO_SLOPE._replace(error=math.hypot(slope, math.sqrt(variance)))
     return SlopeAtRest(slope, math.sqrt(variance), (columns @ inner)[:, 1] / half)
 
 

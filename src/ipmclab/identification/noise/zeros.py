@@ -19,7 +19,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.identification.noise.at_rest import SlopeAtRest, slope_at_rest, slope_inflation
+from ipmclab.identification.noise.at_rest import NO_SLOPE, SlopeAtRest, slope_at_rest, slope_inflation
 from ipmclab.identification.noise.whitening import Changed
 from ipmclab.identification.problem.evaluation import Evaluation
 from ipmclab.identification.problem.problem import Noise, Problem
@@ -73,8 +73,7 @@ class Zero:
         inside = record.readings[output].exact_of_used
         time = record.times_of(output)
         middle, half = 0.5 * float(time[0] + time[-1]), 0.5 * float(time[-1] - time[0])
-        nothing = SlopeAtRest(0.0, math.inf, np.zeros(0))
-        rest = slope_at_rest(record, output, noise, unit) if terms.trend else nothing
+        rest = slope_at_rest(record, output, noise, unit) if terms.trend else NO_SLOPE
         most = math.inf
         if output == "current" and record.zero_is_unseen:
             # A zero that no row at 0 V shows looks like the dc path, and a drift like a slow branch.
