@@ -72,7 +72,7 @@ def _with_slow_modes(actuator: Actuator, of: MotionSeries, slow: int) -> Iterato
     may_turn = slow == 2 and f"relaxation.{of.output}_pair.0.ratio" in actuator.parameter_values
     if may_turn:
         # The cost of poles that have met is what rounding leaves of it.
-        apart = [found.cost for found in real[:_MINIMA] if not _meet(found)]
+        apart = [one.cost for one in real[:_MINIMA] if not np.min(one.poles[:-1] / one.poles[1:]) < _MEETING]
         for turning in _within_drifts(of, lambda series, common: pair_minima(series, 2, common))[:1]:
             if turning.cost < _AS_GOOD * min(apart, default=np.inf):
                 yield _turning(of, turning)
@@ -166,11 +166,6 @@ def _from(motion: MotionSeries, real: Sequence[PoleFit], *, slow_may_turn: bool 
         if found.cost < _HOPEFUL * real[0].cost and not is_slow:
             starts.append(_start(motion, fast, found.poles, found.residues))
     return starts
-
-
-def _meet(found: PoleFit) -> bool:
-    """Whether two of the poles are equal."""
-    return bool(np.min(found.poles[:-1] / found.poles[1:]) < _MEETING)
 
 
 def _fast_pair(found: PoleFit) -> list[int]:
