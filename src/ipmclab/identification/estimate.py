@@ -27,12 +27,7 @@ from ipmclab.identification.search.assumed import (
     without_idle,
     zero_kept,
 )
-from ipmclab.identification.search.descent import (
-    minimum_from,
-    settled_nearest,
-    start_with_fewer,
-    weigh,
-)
+from ipmclab.identification.search.descent import minimum_from, settled_nearest, start_with_fewer, weigh
 from ipmclab.identification.search.doublet import has_doublet
 from ipmclab.identification.search.doubts import contradicted_currents
 from ipmclab.identification.search.everywhere import Everywhere

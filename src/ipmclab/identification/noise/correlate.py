@@ -20,14 +20,7 @@ import numpy as np
 from ipmclab.identification.noise.at_rest import is_at_rest_too, left_at_rest, noise_at_rest, slope_at_rest
 from ipmclab.identification.noise.blind import Blind, blind_outputs
 from ipmclab.identification.noise.model_error import model_errors
-from ipmclab.identification.noise.pieces import (
-    Key,
-    Piece,
-    System,
-    choose_noise,
-    refine_noise,
-    with_constants,
-)
+from ipmclab.identification.noise.pieces import Key, Piece, System, choose_noise, refine_noise, with_constants
 from ipmclab.identification.noise.searched_outputs import searched_outputs
 from ipmclab.identification.noise.whitening import CorrelatedProblem
 from ipmclab.identification.noise.zeros import DriftingProblem, Projection, Zero

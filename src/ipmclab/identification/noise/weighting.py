@@ -25,7 +25,6 @@ from ipmclab.identification.noise.pieces import Key, System, refine_noise
 from ipmclab.identification.noise.whitening import CorrelatedProblem
 from ipmclab.identification.problem.evaluation import Evaluation
 from ipmclab.identification.search.settled import settled
-from ipmclab.run import FloatArray
 
 _TURNS: Final = 4  # of noise and parameters
 _STILL: Final = 0.1  # of a standard error, by which the parameters still move
@@ -73,7 +72,8 @@ def _fitted(least: Correlated, everywhere: Again, nearby: Again) -> Correlated:
         problem = CorrelatedProblem(here.problem.plain, whitenings)
         search = nearby if turn else everywhere
         solution = search(problem, replace(here.solution, evaluation=problem.changed(here.plain)))[1]
-        moved = _length(solution.evaluation, solution.theta - here.solution.theta)
+        # In standard errors.
+        moved = np.linalg.norm(solution.evaluation.triangle[:, :-1] @ (solution.theta - here.solution.theta))
         here = replace(here, problem=problem, solution=solution, plain=problem.plain.evaluate(solution.theta))
         if (turn and moved < _STILL) or turn == _TURNS - 1:
             break
@@ -89,10 +89,6 @@ def _is_same_strip(least: Correlated, there: Evaluation) -> bool:
     lost = there.cost - least.solution.evaluation.cost
     times = least.inflation(there.residual - least.solution.evaluation.residual)
     return lost <= float(chdtri(len(there.rows) - 1, REJECT)) * times
-
-
-def _is_at_rest_too(under: Correlated, key: Key) -> bool | None:
-    return is_at_rest_too(under.shapes[key], under.left_at_rest(key))
 
 
 def _are_at_rest_too(under: Correlated, coloured: Sequence[Key]) -> bool | None:
@@ -111,16 +107,11 @@ def at_rest_and_driven(under: Correlated, key: Key) -> tuple[float, float] | Non
 
     None where the noise under voltage is as it is at 0 V, or few rows are there. A converter hides up to its step.
     """
-    if _is_at_rest_too(under, key) is not False:
-        return None
     resting = under.left_at_rest(key)
+    if is_at_rest_too(under.shapes[key], resting) is not False:
+        return None
     driven = under.left(key)[under.pieces[key].inside][len(resting) :]
     unit = under.problem.noise[key]
     step = under.problem.record_at(key[0]).readings[key[1]].quantum
     at_rest = max(unit * float(np.std(resting)), step / math.sqrt(12.0))
     return at_rest, unit * float(np.sqrt(np.mean(driven**2)))
-
-
-def _length(here: Evaluation, step: FloatArray) -> float:
-    """Of a step, in standard errors."""
-    return float(np.linalg.norm(here.triangle[:, :-1] @ step))
