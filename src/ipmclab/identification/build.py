@@ -89,17 +89,8 @@ def build_fit(
     model = Actuator(actuator.name, reference)
     open_edges = edges_are_open(asked, found)
     alone = [
-        interval_of(
-            result.correlated,
-            unknown,
-            place,
-            found,
-            number,
-            float(relative[number]),
-            open_edges=open_edges,
-            followed=followed,
-        )
-        for number, (place, unknown) in enumerate(problem.asked)
+        interval_of(result.correlated, found, number, error, open_edges=open_edges, followed=followed)
+        for number, error in enumerate(relative.tolist())
     ]
     points = _points(result, found, rivals, stated, exact, [end for one in alone for end in one.ends])
     while_kept = _while_unseen_are_kept(points)

@@ -178,9 +178,10 @@ def _gain_known_to(error: float, sign: float) -> tuple[Interval, Unknown, Any]:
         covariance, covariance.diagonal(), covariance, np.zeros((0, 1)), np.ones(1), {}, (), np.array([1e6])
     )
     unknown = actuator_unknown(load_actuator("friend-2").parameters()["circuit.branches.0.resistivity"], None)
+    problem.asked = ((0, unknown),)
     solution = Solution(theta, problem.evaluate(theta), True, "", 1)
     correlated = Correlated(problem, solution, solution.evaluation)
-    return interval_of(correlated, unknown, 0, found, 0, error, open_edges=False), unknown, problem
+    return interval_of(correlated, found, 0, error, open_edges=False), unknown, problem
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
