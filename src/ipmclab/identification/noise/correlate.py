@@ -26,7 +26,6 @@ from ipmclab.identification.noise.whitening import CorrelatedProblem
 from ipmclab.identification.noise.zeros import DriftingProblem, Projection, Zero
 from ipmclab.identification.problem.evaluation import Evaluation
 from ipmclab.identification.problem.problem import Problem
-from ipmclab.identification.problem.unknowns import Unknown
 from ipmclab.identification.search.solve import Solution
 from ipmclab.run import FloatArray
 from ipmclab.statespace.noise_model import NoiseModel
@@ -363,14 +362,11 @@ def _zero_of(problem: Problem, piece: Piece, shape: Shape) -> Zero | None:
 
 def _without(problem: Problem, solution: Solution, yielding: Sequence[int], keys: Set[Key]) -> tuple[Problem, Solution]:
     """The problem without zeros and slopes that are now asked of the noise."""
-    gone = [column for column in yielding if _belongs(problem.unknowns[column], keys)]
+    of = problem.unknowns
+    gone = [column for column in yielding if (of[column].place, of[column].base.rsplit(".", 1)[1]) in keys]
     if not gone:
         return problem, solution
     fewer = problem.without(gone, {})
     theta = np.delete(solution.theta, gone)
     here = replace(solution, theta=theta, evaluation=fewer.evaluate(theta), evaluations=solution.evaluations + 1)
     return fewer, here
-
-
-def _belongs(unknown: Unknown, keys: Set[Key]) -> bool:
-    return (unknown.place, unknown.base.rsplit(".", 1)[1]) in keys

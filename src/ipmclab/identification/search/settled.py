@@ -133,12 +133,9 @@ def settle(problem: Problem, solution: Solution, reference: FloatArray) -> Solut
             break
         trial = solution.theta + move * min(1.0, reach / length)
         inside = np.clip(trial, problem.lower + 1e-6, problem.upper - 1e-6)
-        back = polish(problem, inside)
-        gained = (
-            back is not None
-            and back.evaluation.cost <= solution.evaluation.cost + 1e-3 + 1e-9 * solution.evaluation.cost
-        )
-        if back is not None and gained and _distance(back.theta, reference) < _distance(solution.theta, reference):
+        back, cost = polish(problem, inside), solution.evaluation.cost
+        gained = back is not None and back.evaluation.cost <= cost + 1e-3 + 1e-9 * cost
+        if back and gained and _distance(back.theta, reference) < _distance(solution.theta, reference):
             solution = back
             spent += back.evaluations
         else:
