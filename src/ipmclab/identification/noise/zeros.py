@@ -105,7 +105,7 @@ class Zero:
         by_rows = np.zeros_like(self.columns)
         if self.terms.trend:
             by_rows[: len(self.rest.weights), -1] = self.rest.weights * self.half
-        return Projection.of(self.columns, precision, centre, errors, by_rows)
+        return Projection(self.columns, precision, centre, errors, by_rows)
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,17 +114,10 @@ class Projection:
 
     Parameters
     ----------
-    basis : float array, shape (n_measured, n_constants)
-        Orthonormal.
-    kept : float array, shape (n_constants,)
-        The part of each that stays in the rows: none of what nothing is known of.
-    answer : float array, shape (n_constants, n_measured)
-        From a residual to the best constants about their centre.
-    centre : float array, shape (n_constants,)
-    expected : float array, shape (n_measured,)
-        What the centre adds to the readings.
     columns : float array, shape (n_measured, n_constants)
         What each adds to the readings.
+    precision, centre : float array, shape (n_constants,)
+        Where each is known to be beforehand, and how precisely.
     known : float array, shape (n_constants,)
         The standard error of what is known of each; 0 where nothing is.
     by_rows : float array, shape (n_measured, n_constants)
@@ -132,36 +125,37 @@ class Projection:
         too, so that what is known has no error of its own but what is left beside theirs.
     """
 
-    basis: FloatArray
-    kept: FloatArray
-    answer: FloatArray
-    centre: FloatArray
-    expected: FloatArray
     columns: FloatArray
+    precision: FloatArray
+    centre: FloatArray
     known: FloatArray
     by_rows: FloatArray
 
-    @classmethod
-    def of(
-        cls, columns: FloatArray, precision: FloatArray, centre: FloatArray, known: FloatArray, by_rows: FloatArray
-    ) -> Projection:
-        inner = np.linalg.inv(columns.T @ columns + np.diag(precision))
-        orthonormal, triangle = np.linalg.qr(columns)
-        share, turn = np.linalg.eigh(triangle @ inner @ triangle.T)
-        return cls(
-            orthonormal @ turn,
-            np.sqrt(np.clip(1.0 - share, 0.0, 1.0)),
-            inner @ columns.T,
-            centre,
-            columns @ centre,
-            columns,
-            known,
-            by_rows,
-        )
+    @cached_property
+    def expected(self) -> FloatArray:
+        """What the centre adds to the readings, shape (n_measured,)."""
+        return np.asarray(self.columns @ self.centre)
+
+    @cached_property
+    def _inner(self) -> FloatArray:
+        return np.asarray(np.linalg.inv(self.columns.T @ self.columns + np.diag(self.precision)))
+
+    @cached_property
+    def _taken(self) -> tuple[FloatArray, FloatArray]:
+        """Orthonormal columns, and the same times the part of each that goes: all of what nothing is known of."""
+        orthonormal, triangle = np.linalg.qr(self.columns)
+        share, turn = np.linalg.eigh(triangle @ self._inner @ triangle.T)
+        basis = orthonormal @ turn
+        return basis, basis * (1.0 - np.sqrt(np.clip(1.0 - share, 0.0, 1.0)))
 
     def apply(self, rows: FloatArray) -> FloatArray:
         """T times the columns of ``rows``, shape (n_measured, n)."""
-        return np.asarray(rows - (self.basis * (1.0 - self.kept)) @ (self.basis.T @ rows))
+        basis, taken = self._taken
+        return np.asarray(rows - taken @ (basis.T @ rows))
+
+    def best(self, away: FloatArray) -> FloatArray:
+        """The constants that meet readings less what is expected of them best."""
+        return np.asarray(self.centre + self._inner @ self.columns.T @ away)
 
 
 class DriftingProblem(Changed):
@@ -220,5 +214,4 @@ class DriftingProblem(Changed):
     def constants(self, key: Key, plain: FloatArray) -> FloatArray:
         """The best zero at the middle of the readings, and slope over half of them, for a residual in its own units."""
         zero, projection = self.zeros[key], self.projections[key]
-        away = -(plain[zero.inside] + projection.expected)
-        return np.asarray(projection.centre + projection.answer @ away)
+        return projection.best(-(plain[zero.inside] + projection.expected))
