@@ -215,11 +215,10 @@ class ActuatorResponder:
 
     def __init__(self, actuator: Actuator, *, of_means: bool = False) -> None:
         self._actuator = actuator
-        self._of_means = of_means
         # Directions of the starting state that the readings can see, shape (n_states, n_amplitude), by the place.
         self._bases: dict[int, FloatArray] = {}
         self._latest: tuple[object, Actuator] | None = None
-        self._kept: Kept | None = None
+        self._kept = Kept(by_rows=of_means)
 
     @property
     def is_linear(self) -> bool:
@@ -295,8 +294,6 @@ class ActuatorResponder:
         *,
         asked: Collection[str],
     ) -> Sensitivities:
-        if self._kept is None:
-            self._kept = Kept(by_rows=self._of_means)
         return sensitivities(
             self._at(values, record.series_resistance),
             tuple(names),
