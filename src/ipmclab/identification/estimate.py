@@ -32,7 +32,7 @@ from ipmclab.identification.search.doublet import has_doublet
 from ipmclab.identification.search.doubts import contradicted_currents
 from ipmclab.identification.search.everywhere import Everywhere
 from ipmclab.identification.search.lowest import find_minima
-from ipmclab.identification.search.pose import need_as_many_readings, without_leak
+from ipmclab.identification.search.pose import need_as_many_readings, solved_for, without_leak
 from ipmclab.identification.search.rest import could_be_zero, not_at_rest
 from ipmclab.identification.search.settled import settled_with_unfelt_held
 from ipmclab.identification.search.solve import Solution
@@ -184,11 +184,8 @@ def _in_full(problem: Problem, smaller: Problem, solution: Solution) -> Solution
     theta = Rival.of(smaller, solution.theta).vector_of(problem.unknowns, np.zeros(len(problem.unknowns)))
     names = {unknown.name for unknown in smaller.unknowns}
     left = np.array([unknown.name not in names for unknown in problem.unknowns], dtype=bool)
-    here = problem.evaluate(theta)
-    if left.any():
-        theta[left] -= np.linalg.lstsq(here.jacobian[:, left], here.residual, rcond=1e-12)[0]
-        here = problem.evaluate(theta)
-    return replace(solution, theta=theta, evaluation=here)
+    theta = solved_for(problem, theta, left)
+    return replace(solution, theta=theta, evaluation=problem.evaluate(theta))
 
 
 def _reference(problem: Problem, solution: Solution) -> FloatArray:
