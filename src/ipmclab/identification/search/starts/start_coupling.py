@@ -46,7 +46,7 @@ def coupling_starts(
         Whether Young's modulus is to be started too, where displacement tells d(s) without it.
     """
     motion = motion_series(actuator, records, delays)
-    slow = {output: len(slow_poles(actuator, output)) for output in ("displacement", "force")}
+    slow = {output: slow_poles(actuator, output) for output in ("displacement", "force")}
     moving, pressing = (of_output(motion, output) for output in slow)
     separate = stiffness_is_free and bool(moving) and bool(pressing)
     if slow["displacement"] == slow["force"] == 0:

@@ -37,7 +37,7 @@ def relaxation_start(
     static = actuator["coupling.gain"] * actuator["coupling.zero"] / actuator["coupling.p2"]
     motion = motion_series(actuator, records, delays, known_part=actuator.replace(**off))
     for output in outputs:
-        of, slow = of_output(motion, output), len(slow_poles(actuator, output))
+        of, slow = of_output(motion, output), slow_poles(actuator, output)
         if not of or not slow:
             continue
         found = search_poles([one.run for one in of], slow, sensors(of))
