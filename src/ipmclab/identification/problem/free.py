@@ -8,15 +8,13 @@ from dataclasses import dataclass, field, replace
 from typing import Final
 
 from ipmclab.errors import InputError, suggest
+from ipmclab.identification.problem.record import READ_OUTPUTS
 from ipmclab.model.declared import in_group
 from ipmclab.model.environment.age import AGE, Age, check_age
 from ipmclab.model.environment.hydration import HYDRATION, PERCOLATION, REFERENCE_CONTENT, REFERENCE_TEMPERATURE, SITES
 from ipmclab.model.kinds import groups, kinds, stage_groups
 
-OBSERVATION_OUTPUTS: Final = ("current", "displacement", "force")
-OBSERVATION_NAMES: Final = tuple(
-    f"observation.{what}.{output}" for what in ("offset", "drift") for output in OBSERVATION_OUTPUTS
-)
+OBSERVATION_NAMES: Final = tuple(f"observation.{what}.{one}" for what in ("offset", "drift") for one in READ_OUTPUTS)
 """What a run's observation can have freed by name; its delay and its start are decided from the data."""
 
 _PLACE = re.compile(r"\[\d+\]$")
