@@ -207,14 +207,7 @@ class Problem:
         return None
 
     def _moved(self, theta: FloatArray, place: int) -> tuple[dict[str, float], Sequence[str], FloatArray]:
-        """The parameters of one run, those that move, and their derivatives by the entries of the vector.
-
-        Returns
-        -------
-        values : dict of name to float [SI]
-        names : sequence of str
-        chains : float array, shape (n_unknown, n_names)
-        """
+        """The parameters of one run [SI], those that move, and their derivatives by the entries of the vector."""
         own = self.places[place]
         if own.state is None:
             values = self.in_reference(theta, place)
