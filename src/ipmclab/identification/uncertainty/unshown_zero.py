@@ -44,7 +44,8 @@ def unshown_zeros(problem: Problem, solution: Solution) -> list[Finding]:
     """
     jacobian = solution.evaluation.jacobian
     free = [k for k, unknown in enumerate(problem.unknowns) if unknown.log and not unknown.nuisance]
-    records = [record for record in problem.records if record.zero_is_taken and not _is_free(problem, record.place)]
+    freed = {unknown.place for unknown in problem.unknowns if unknown.base == OFFSET}
+    records = [record for record in problem.records if record.zero_is_taken and record.place not in freed]
     if not free or not records:
         return []
     inverse = directions_of(solution.evaluation)
@@ -73,10 +74,6 @@ def unshown_zeros(problem: Problem, solution: Solution) -> list[Finding]:
         if away:
             found.append(_finding(record, zero, away))
     return found
-
-
-def _is_free(problem: Problem, place: int) -> bool:
-    return any(unknown.base == OFFSET and unknown.belongs_to(place) for unknown in problem.unknowns)
 
 
 def hidden_zeros(problem: Problem, rows: int) -> FloatArray:

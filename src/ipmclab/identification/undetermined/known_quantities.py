@@ -26,7 +26,7 @@ from ipmclab.identification.uncertainty.covariance import MOVED, Uncertainty
 from ipmclab.model import Actuator
 from ipmclab.model.quantities import AT_ONCE, derived, quantities_of_each
 from ipmclab.quality.record import Record as Checked
-from ipmclab.run import FloatArray, Run
+from ipmclab.run import FloatArray
 from ipmclab.ties import largest_first
 
 _STEP: Final = 1e-4  # of an entry, for a derivative: entries are logarithms, or of order one
@@ -103,7 +103,8 @@ def known_quantities(actuator: Actuator, points: Sequence[Point]) -> tuple[Known
 
 def _of_runs(actuator: Actuator, points: Sequence[Point], alike: Sequence[PreparedRun]) -> list[Known]:
     """What is known of runs that share all parameters: what one of them lasts for, and no peak contradicts."""
-    longest = max(_driven_for(record.run) for record in alike)
+    # How long a run lasts from the first edge of its voltage on [s].
+    longest = max(float(run.time[-1] - run.time[Checked.of(run).first_edge]) for run in (one.run for one in alike))
     each = [_known_at(point, _AtRecord(actuator, point.problem, alike[0], longest)) for point in points]
     known = []
     for name, one in each[0].items():
@@ -116,11 +117,6 @@ def _of_runs(actuator: Actuator, points: Sequence[Point], alike: Sequence[Prepar
         ):
             known.append(replace(one, interval=(low, high)))
     return known
-
-
-def _driven_for(run: Run) -> float:
-    """How long a run lasts from the first edge of its voltage on [s]."""
-    return float(run.time[-1] - run.time[Checked.of(run).first_edge])
 
 
 def _peak_contradicts(point: Point, records: Sequence[PreparedRun], resistance: float) -> bool:
