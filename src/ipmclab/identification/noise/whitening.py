@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property
 
 from ipmclab.identification.problem.evaluation import Evaluation
@@ -12,11 +12,11 @@ from ipmclab.statespace.whitening import Whitening
 
 
 class Changed(Problem):
-    """A problem with the readings and unknowns of a plain one, the rows of each output of each run changed."""
+    """A problem with the readings and unknowns of a plain one, the rows of some outputs of some runs changed."""
 
-    def __init__(self, plain: Problem) -> None:
+    def __init__(self, plain: Problem, keys: Iterable[tuple[int, str]]) -> None:
         super().__init__(plain.base, plain.records, plain.unknowns, plain.responder, plain.noise)
-        self._plain = plain
+        self._plain, self._keys = plain, tuple(keys)
 
     @property
     def plain(self) -> Problem:
@@ -34,15 +34,15 @@ class Changed(Problem):
     def changed(self, here: Evaluation) -> Evaluation:
         """An evaluation of the plain problem as one of this."""
         rows = here.rows.copy()
-        for key, piece in self.pieces.items():
-            rows[:, piece] = self.whitened(key, rows[:, piece])
+        for key in self._keys:
+            rows[:, self.pieces[key]] = self.whitened(key, rows[:, self.pieces[key]])
         return Evaluation(rows, here.beforehand)
 
     def fixed_jacobian(self, theta: FloatArray, names: Sequence[str]) -> FloatArray:
         """Changed derivatives of the residuals with respect to fixed parameters [per SI unit]."""
         found = super().fixed_jacobian(theta, names)
-        for key, piece in self.pieces.items():
-            found[piece] = self.whitened(key, found[piece].T).T
+        for key in self._keys:
+            found[self.pieces[key]] = self.whitened(key, found[self.pieces[key]].T).T
         return found
 
 
@@ -57,7 +57,7 @@ class CorrelatedProblem(Changed):
     """
 
     def __init__(self, plain: Problem, whitenings: Mapping[tuple[int, str], Whitening]) -> None:
-        super().__init__(plain)
+        super().__init__(plain, whitenings)
         self.whitenings = dict(whitenings)
 
     @cached_property

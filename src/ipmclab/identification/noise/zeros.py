@@ -105,7 +105,7 @@ class Zero:
         by_rows = np.zeros_like(self.columns)
         if self.terms.trend:
             by_rows[: len(self.rest.weights), -1] = self.rest.weights * self.half
-        return Projection(self.columns, precision, centre, errors, by_rows)
+        return Projection.of(self.columns, precision, centre, errors, by_rows)
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,10 +114,16 @@ class Projection:
 
     Parameters
     ----------
+    basis, taken : float array, shape (n_measured, n_constants)
+        Orthonormal columns Q, and Q times the part of each that goes, all of what nothing is known of: T r is r less
+        the second times Q'r.
+    answer : float array, shape (n_constants, n_measured)
+        From a residual to the best constants about their centre.
+    centre : float array, shape (n_constants,)
+    expected : float array, shape (n_measured,)
+        What the centre adds to the readings.
     columns : float array, shape (n_measured, n_constants)
         What each adds to the readings.
-    precision, centre : float array, shape (n_constants,)
-        Where each is known to be beforehand, and how precisely.
     known : float array, shape (n_constants,)
         The standard error of what is known of each; 0 where nothing is.
     by_rows : float array, shape (n_measured, n_constants)
@@ -125,37 +131,25 @@ class Projection:
         too, so that what is known has no error of its own but what is left beside theirs.
     """
 
-    columns: FloatArray
-    precision: FloatArray
+    basis: FloatArray
+    taken: FloatArray
+    answer: FloatArray
     centre: FloatArray
+    expected: FloatArray
+    columns: FloatArray
     known: FloatArray
     by_rows: FloatArray
 
-    @cached_property
-    def expected(self) -> FloatArray:
-        """What the centre adds to the readings, shape (n_measured,)."""
-        return np.asarray(self.columns @ self.centre)
-
-    @cached_property
-    def _inner(self) -> FloatArray:
-        return np.asarray(np.linalg.inv(self.columns.T @ self.columns + np.diag(self.precision)))
-
-    @cached_property
-    def _taken(self) -> tuple[FloatArray, FloatArray]:
-        """Orthonormal columns, and the same times the part of each that goes: all of what nothing is known of."""
-        orthonormal, triangle = np.linalg.qr(self.columns)
-        share, turn = np.linalg.eigh(triangle @ self._inner @ triangle.T)
+    @classmethod
+    def of(
+        cls, columns: FloatArray, precision: FloatArray, centre: FloatArray, known: FloatArray, by_rows: FloatArray
+    ) -> Projection:
+        inner = np.linalg.inv(columns.T @ columns + np.diag(precision))
+        orthonormal, triangle = np.linalg.qr(columns)
+        share, turn = np.linalg.eigh(triangle @ inner @ triangle.T)
         basis = orthonormal @ turn
-        return basis, basis * (1.0 - np.sqrt(np.clip(1.0 - share, 0.0, 1.0)))
-
-    def apply(self, rows: FloatArray) -> FloatArray:
-        """T times the columns of ``rows``, shape (n_measured, n)."""
-        basis, taken = self._taken
-        return np.asarray(rows - taken @ (basis.T @ rows))
-
-    def best(self, away: FloatArray) -> FloatArray:
-        """The constants that meet readings less what is expected of them best."""
-        return np.asarray(self.centre + self._inner @ self.columns.T @ away)
+        taken = basis * (1.0 - np.sqrt(np.clip(1.0 - share, 0.0, 1.0)))
+        return cls(basis, taken, inner @ columns.T, centre, columns @ centre, columns, known, by_rows)
 
 
 class DriftingProblem(Changed):
@@ -168,7 +162,7 @@ class DriftingProblem(Changed):
     """
 
     def __init__(self, plain: Problem, zeros: Mapping[Key, Zero]) -> None:
-        super().__init__(plain)
+        super().__init__(plain, zeros)
         self.zeros = dict(zeros)
         self.projections = {key: zero.projection(self.noise[key]) for key, zero in self.zeros.items()}
 
@@ -198,20 +192,22 @@ class DriftingProblem(Changed):
         """An evaluation of the plain problem, the best zeros and slopes taken out."""
         rows = here.rows.copy()
         for key, zero in self.zeros.items():
+            own = rows[:, self.pieces[key]]
             # The residual is model less reading: what the sensor is expected to add is not the model's.
-            rows[-1, self.pieces[key]][zero.inside] += self.projections[key].expected
-        return super().changed(Evaluation(rows, here.beforehand))
+            own[-1, zero.inside] += self.projections[key].expected
+            own[:] = self.whitened(key, own)
+        return Evaluation(rows, here.beforehand)
 
     def whitened(self, key: Key, rows: FloatArray) -> FloatArray:
         """Rows of one output of one run, zero and slope taken out."""
         if key not in self.zeros:
             return rows
-        found = rows.copy()
-        inside = self.zeros[key].inside
-        found[:, inside] = self.projections[key].apply(found[:, inside].T).T
+        found, inside = rows.copy(), self.zeros[key].inside
+        projection, own = self.projections[key], found[:, inside].T
+        found[:, inside] = (own - projection.taken @ (projection.basis.T @ own)).T
         return found
 
     def constants(self, key: Key, plain: FloatArray) -> FloatArray:
         """The best zero at the middle of the readings, and slope over half of them, for a residual in its own units."""
         zero, projection = self.zeros[key], self.projections[key]
-        return projection.best(-(plain[zero.inside] + projection.expected))
+        return np.asarray(projection.centre - projection.answer @ (plain[zero.inside] + projection.expected))
