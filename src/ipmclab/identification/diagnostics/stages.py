@@ -67,8 +67,8 @@ def tried_stages(actuator: Actuator, names: FreeParameters, every: Sequence[Left
         extended = from_here(problem, theta, strip, direction, size if direction.both_ways else max(size, _AT_LEAST))
         if extended is not None:
             found[name] = extended
-    judge = _Judge(doubted)
-    tried = {name: judge(name, one) for name, one in found.items()}
+    own = sum(left.deviance() for left in doubted)
+    tried = {name: _judged(name, one, doubted, own) for name, one in found.items()}
     if any(left.is_large(problem, left.here) for left in doubted):
         # So far from the readings that a little of a stage is no guide: each from what the readings themselves show.
         # Where one leaves the noise alone, only those that did not go with the fit as it is.
@@ -80,7 +80,7 @@ def tried_stages(actuator: Actuator, names: FreeParameters, every: Sequence[Left
                 continue
             extended = afresh(problem, actuator, names, direction, known)
             if extended is not None and extended is not known:
-                tried[direction.stage] = judge(direction.stage, extended)
+                tried[direction.stage] = _judged(direction.stage, extended, doubted, own)
     return _best_first(tried)
 
 
@@ -100,24 +100,18 @@ def _hints(actuator: Actuator, doubted: Sequence[Left], some: Sequence[Trial]) -
     return best
 
 
-class _Judge:
-    """What a stage would explain of what is left, with the fit as it is."""
-
-    def __init__(self, doubted: Sequence[Left]) -> None:
-        self._doubted = doubted
-        self._own = sum(left.deviance() for left in doubted)
-        self._readings = sum(left.readings for left in doubted)
-
-    def __call__(self, name: str, extended: Extended) -> Tried:
-        here, doubted = extended.solution.evaluation, self._doubted
-        added = len(extended.problem.unknowns) - len(doubted[0].problem.unknowns)
-        gain = self._own - sum(left.deviance(extended.problem, here) for left in doubted)
-        shares = {}
-        for left in doubted:
-            squares = left.squares(left.problem, left.here)
-            beyond = max(squares - left.noise, 0.01 * squares)
-            shares[left.output] = min((squares - left.squares(extended.problem, here)) / beyond, 1.0)
-        return Tried(name, gain - max(added, 1) * math.log(self._readings), shares)
+def _judged(name: str, extended: Extended, doubted: Sequence[Left], own: float) -> Tried:
+    """What a stage would explain of what is left; ``own`` is the deviance of the fit as it is."""
+    here = extended.solution.evaluation
+    added = len(extended.problem.unknowns) - len(doubted[0].problem.unknowns)
+    gain = own - sum(left.deviance(extended.problem, here) for left in doubted)
+    shares = {}
+    for left in doubted:
+        squares = left.squares(left.problem, left.here)
+        beyond = max(squares - left.noise, 0.01 * squares)
+        shares[left.output] = min((squares - left.squares(extended.problem, here)) / beyond, 1.0)
+    readings = sum(left.readings for left in doubted)
+    return Tried(name, gain - max(added, 1) * math.log(readings), shares)
 
 
 def _best_first(tried: Mapping[str, Tried]) -> list[Tried]:
