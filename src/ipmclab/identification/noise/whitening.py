@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property
 
+from ipmclab.identification.noise.pieces import Key
 from ipmclab.identification.problem.evaluation import Evaluation
 from ipmclab.identification.problem.problem import Noise, Problem
 from ipmclab.run import FloatArray
@@ -14,7 +15,7 @@ from ipmclab.statespace.whitening import Whitening
 class Changed(Problem):
     """A problem with the readings and unknowns of a plain one, the rows of some outputs of some runs changed."""
 
-    def __init__(self, plain: Problem, keys: Iterable[tuple[int, str]]) -> None:
+    def __init__(self, plain: Problem, keys: Iterable[Key]) -> None:
         super().__init__(plain.base, plain.records, plain.unknowns, plain.responder, plain.noise)
         self._plain, self._keys = plain, tuple(keys)
 
@@ -56,7 +57,7 @@ class CorrelatedProblem(Changed):
         In units of the problem's ``noise``; an output without one has white noise.
     """
 
-    def __init__(self, plain: Problem, whitenings: Mapping[tuple[int, str], Whitening]) -> None:
+    def __init__(self, plain: Problem, whitenings: Mapping[Key, Whitening]) -> None:
         super().__init__(plain, whitenings)
         self.whitenings = dict(whitenings)
 
@@ -73,7 +74,7 @@ class CorrelatedProblem(Changed):
         """The problem with other weights, and white."""
         return self.plain.with_noise(noise)
 
-    def whitened(self, key: tuple[int, str], rows: FloatArray) -> FloatArray:
+    def whitened(self, key: Key, rows: FloatArray) -> FloatArray:
         """Rows of one output of one run, whitened where its noise is not white."""
         whitening = self.whitenings.get(key)
         return rows if whitening is None else whitening.apply(rows)

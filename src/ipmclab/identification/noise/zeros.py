@@ -20,6 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.identification.noise.at_rest import NO_SLOPE, SlopeAtRest, slope_at_rest, slope_inflation
+from ipmclab.identification.noise.pieces import Key
 from ipmclab.identification.noise.whitening import Changed
 from ipmclab.identification.problem.evaluation import Evaluation
 from ipmclab.identification.problem.problem import Noise, Problem
@@ -28,8 +29,6 @@ from ipmclab.run import FloatArray
 from ipmclab.statespace.columns import constants
 from ipmclab.statespace.shape import Shape
 from ipmclab.statespace.terms import Terms
-
-Key = tuple[int, str]
 
 LARGEST_ZERO: Final = 0.01
 """Of the largest current: a larger zero is seen by who looks at the readings."""
