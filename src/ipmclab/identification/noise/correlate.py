@@ -17,7 +17,7 @@ from typing import Final
 
 import numpy as np
 
-from ipmclab.identification.noise.at_rest import is_at_rest_too, left_at_rest, noise_at_rest, slope_at_rest
+from ipmclab.identification.noise.at_rest import Resting, slope_at_rest
 from ipmclab.identification.noise.blind import Blind, blind_outputs
 from ipmclab.identification.noise.model_error import model_errors
 from ipmclab.identification.noise.pieces import Key, Piece, System, choose_noise, refine_noise, with_constants
@@ -148,10 +148,10 @@ class Correlated:
         added = self.beside(key)[self.problem.record_at(key[0]).readings[key[1]].used]
         return np.asarray(residual + np.where(self.pieces[key].inside, added / self.problem.noise[key], 0.0))
 
-    def left_at_rest(self, key: Key) -> FloatArray:
-        """The same of the readings at 0 V alone, contacts that were touched aside."""
+    def resting(self, key: Key) -> Resting:
+        """The noise of one output of one run, and the same of the readings at 0 V alone."""
         rows = self.left(key)[self.pieces[key].inside]
-        return left_at_rest(self.problem.record_at(key[0]), key[1], rows, self.problem.noise[key])
+        return Resting.of(self.problem.record_at(key[0]), key[1], self.shapes[key], rows, self.problem.noise[key])
 
     @cached_property
     def whitenings(self) -> dict[Key, Whitening]:
@@ -217,10 +217,10 @@ class Correlated:
         What a model lacks begins with the voltage; a strip at rest draws nothing, whatever it is.
         """
         found = {}
-        for key, shape in self.shapes.items():
-            resting = self.left_at_rest(key)
-            if is_at_rest_too(shape, resting) is False:
-                found[key] = len(resting), noise_at_rest(shape, resting, self.problem.floors[key] ** 2)
+        for key in self.shapes:
+            resting = self.resting(key)
+            if resting.is_at_rest_too is False:
+                found[key] = len(resting.left), resting.noise_at_rest(self.problem.floors[key] ** 2)
         return found
 
     def _noise_of(self, columns: FloatArray, key: Key) -> FloatArray:

@@ -19,7 +19,7 @@ from typing import Final
 import numpy as np
 
 from ipmclab.confidence import REJECT
-from ipmclab.identification.noise.at_rest import is_at_rest_too, is_shown_at_rest
+from ipmclab.identification.noise.at_rest import is_shown_at_rest
 from ipmclab.identification.noise.correlate import Again, Correlated
 from ipmclab.identification.noise.pieces import Key, System, refine_noise
 from ipmclab.identification.noise.whitening import CorrelatedProblem
@@ -93,8 +93,8 @@ def _is_same_strip(least: Correlated, there: Evaluation) -> bool:
 
 def _are_at_rest_too(under: Correlated, coloured: Sequence[Key]) -> bool | None:
     """Whether the rows at 0 V have these noises; None where they do not say so."""
-    noises = {key: (under.shapes[key], under.left_at_rest(key)) for key in coloured}
-    sized = {key: is_at_rest_too(*noise) for key, noise in noises.items()}
+    noises = {key: under.resting(key) for key in coloured}
+    sized = {key: noise.is_at_rest_too for key, noise in noises.items()}
     answers: list[bool | None] = list(sized.values())
     shown = [key for key, one in sized.items() if one]
     for output in {output for _, output in shown}:
@@ -107,11 +107,11 @@ def at_rest_and_driven(under: Correlated, key: Key) -> tuple[float, float] | Non
 
     None where the noise under voltage is as it is at 0 V, or few rows are there. A converter hides up to its step.
     """
-    resting = under.left_at_rest(key)
-    if is_at_rest_too(under.shapes[key], resting) is not False:
+    noise = under.resting(key)
+    if noise.is_at_rest_too is not False:
         return None
-    driven = under.left(key)[under.pieces[key].inside][len(resting) :]
+    driven = under.left(key)[under.pieces[key].inside][len(noise.left) :]
     unit = under.problem.noise[key]
     step = under.problem.record_at(key[0]).readings[key[1]].quantum
-    at_rest = max(unit * float(np.std(resting)), step / math.sqrt(12.0))
+    at_rest = max(unit * float(np.std(noise.left)), step / math.sqrt(12.0))
     return at_rest, unit * float(np.sqrt(np.mean(driven**2)))
