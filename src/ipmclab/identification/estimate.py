@@ -154,7 +154,7 @@ def _noisy(
 ) -> tuple[Correlated, Correlated | None]:
     """The noise of a fit, the fit under it where that predicts as well; and another fit that is as good."""
     least = with_noise(problem, solution, assumed_zeros(problem, names), everywhere.least)
-    return weighted(least, everywhere.lowest, Everywhere(()).lowest)
+    return weighted(least, everywhere.lowest)
 
 
 def _without_stages(

@@ -24,6 +24,7 @@ from ipmclab.identification.noise.correlate import Again, Correlated
 from ipmclab.identification.noise.pieces import Key, System, refine_noise
 from ipmclab.identification.noise.whitening import CorrelatedProblem
 from ipmclab.identification.problem.evaluation import Evaluation
+from ipmclab.identification.search.descent import minimum_from
 from ipmclab.identification.search.settled import settled
 
 _TURNS: Final = 4  # of noise and parameters
@@ -31,7 +32,7 @@ _STILL: Final = 0.1  # of a standard error, by which the parameters still move
 _AS_GOOD: Final = 1.1  # times what least squares leaves (rms), as of a prediction; walks of a laser reach 1.09
 
 
-def weighted(least: Correlated, everywhere: Again, nearby: Again) -> tuple[Correlated, Correlated | None]:
+def weighted(least: Correlated, everywhere: Again) -> tuple[Correlated, Correlated | None]:
     """The fit under its noise, where that predicts as well as least squares; and the other one where nobody can tell.
 
     Parameters
@@ -40,8 +41,6 @@ def weighted(least: Correlated, everywhere: Again, nearby: Again) -> tuple[Corre
         Of least squares.
     everywhere : function of (Problem, Solution)
         The minimum of a problem, from near it and from elsewhere.
-    nearby : function of (Problem, Solution)
-        The same from near it alone.
 
     Returns
     -------
@@ -52,7 +51,7 @@ def weighted(least: Correlated, everywhere: Again, nearby: Again) -> tuple[Corre
     coloured = [key for key, shape in least.shapes.items() if shape.terms.order or shape.terms.walk]
     if not coloured or _are_at_rest_too(least, coloured) is False:
         return least, None
-    here = _fitted(least, everywhere, nearby)
+    here = _fitted(least, everywhere)
     shown = _are_at_rest_too(here, coloured)
     if shown is False:
         return least, None
@@ -63,15 +62,15 @@ def weighted(least: Correlated, everywhere: Again, nearby: Again) -> tuple[Corre
     return (here, None) if shown and as_good else (least, here)
 
 
-def _fitted(least: Correlated, everywhere: Again, nearby: Again) -> Correlated:
+def _fitted(least: Correlated, everywhere: Again) -> Correlated:
     """Noise and parameters by turns, until both stay; all minima are asked under the first noise."""
     here, shapes = least, dict(least.shapes)
     pieces = {key: piece for key, piece in least.pieces.items() if key in shapes}
     for turn in range(_TURNS):
         whitenings = {key: piece.whitening(shapes[key]) for key, piece in pieces.items()}
         problem = CorrelatedProblem(here.problem.plain, whitenings)
-        search = nearby if turn else everywhere
-        solution = search(problem, replace(here.solution, evaluation=problem.changed(here.plain)))[1]
+        near = replace(here.solution, evaluation=problem.changed(here.plain))
+        solution = minimum_from(problem, near) if turn else everywhere(problem, near)[1]
         # In standard errors.
         moved = np.linalg.norm(solution.evaluation.triangle[:, :-1] @ (solution.theta - here.solution.theta))
         here = replace(here, problem=problem, solution=solution, plain=problem.plain.evaluate(solution.theta))
