@@ -166,14 +166,13 @@ def build_fit(
     known = np.isfinite(relative) & np.array([unknown.name not in beyond for unknown in asked], dtype=bool)
     correlations = _correlations(list(fitted), [order(unknown.name) for unknown in asked], found, known)
     observations = tuple(
-        observation(problem, solution, record, runs[record.place], order, result.correlated)
-        for record in problem.records
+        observation(result.correlated, record, runs[record.place], order) for record in problem.records
     )
     all_findings = (
         *findings,
         *unexplained(problem, result.correlated.left),
         *_fit_findings(solution, found, fitted, stated, exact, asked, order, named),
-        *noise_findings(problem, result.correlated, found),
+        *noise_findings(result.correlated, found),
         *drift_findings(problem, observations),
     )
     fit = Fit(
@@ -188,7 +187,7 @@ def build_fit(
         converged=solution.converged,
         message=message(solution, all_findings),
         evaluations=solution.evaluations,
-        residuals=residuals(problem, result.correlated),
+        residuals=residuals(result.correlated),
         software_version=__version__,
         practical=practical(problem, solution, order),
         covariance=_covariance(asked, values, found, stated, order),

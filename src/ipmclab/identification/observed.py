@@ -11,17 +11,13 @@ from ipmclab.fit.observation import Observation
 from ipmclab.fit.row_marks import RowMarks
 from ipmclab.identification.noise.correlate import Correlated
 from ipmclab.identification.problem.order import Order
-from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.problem.record import PreparedRun
-from ipmclab.identification.search.solve import Solution
 from ipmclab.run import FloatArray, Run
 
 
-def observation(
-    problem: Problem, solution: Solution, record: PreparedRun, run: Run, order: Order, correlated: Correlated
-) -> Observation:
+def observation(correlated: Correlated, record: PreparedRun, run: Run, order: Order) -> Observation:
     """How the readings of one run were read: its delay, its start, its sensors and their noise."""
-    theta, place = solution.theta, record.place
+    problem, theta, place = correlated.problem, correlated.solution.theta, record.place
 
     def own(what: str) -> dict[str, float]:
         return {
@@ -65,9 +61,9 @@ def _sum(one: Mapping[str, float], other: Mapping[str, float]) -> dict[str, floa
     return {name: one.get(name, 0.0) + other.get(name, 0.0) for name in (*one, *other)}
 
 
-def residuals(problem: Problem, correlated: Correlated) -> tuple[dict[str, FloatArray], ...]:
+def residuals(correlated: Correlated) -> tuple[dict[str, FloatArray], ...]:
     """Readings less the free-running model of each run and output [SI], NaN where a row is not used."""
-    pieces = problem.pieces
+    problem, pieces = correlated.problem, correlated.problem.pieces
     found: list[dict[str, FloatArray]] = []
     for record in problem.records:
         of_run: dict[str, FloatArray] = {}
