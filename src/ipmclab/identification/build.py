@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -55,11 +54,8 @@ from ipmclab.model import Actuator
 from ipmclab.model.environment.age import AGE, Age
 from ipmclab.model.parameters import Parameter
 from ipmclab.run import Finding, FloatArray, Run
+from ipmclab.units import CHANNELS
 from ipmclab.version import __version__
-
-_MOTION: Final = frozenset({"displacement", "force"})
-
-_OBSERVATION_UNITS: Final = {"current": "A", "displacement": "m", "force": "N"}
 
 
 def build_fit(
@@ -72,8 +68,7 @@ def build_fit(
     followed: bool = True,
 ) -> Fit:
     """Errors, intervals (bent ones ``followed`` along profiles), correlations, diagnosis and the fitted actuator."""
-    problem, solution = result.problem, result.solution
-    parameters = result.parameters
+    problem, solution, parameters = result.problem, result.solution, result.parameters
     free = {unknown.base for unknown in problem.unknowns}
     stated = stated_covariance(
         actuator, [n for n, p in parameters.items() if n not in free and p.standard_uncertainty > 0.0]
@@ -254,7 +249,7 @@ def _exact_names(actuator: Actuator, problem: Problem, taken: set[str]) -> list[
     candidates = ["circuit.sheet_resistance"]
     if not isinstance(problem.responder, CircuitResponder):
         candidates += ["geometry.thickness", "beam.modulus"]
-    if any(not _MOTION.isdisjoint(record.readings) for record in problem.records):
+    if any(record.readings.keys() & {"displacement", "force"} for record in problem.records):
         candidates += [name for name in actuator.parameter_values if name.startswith("coupling.")]
     return [name for name in candidates if name not in taken and name in actuator.parameter_values]
 
@@ -264,7 +259,7 @@ def _unit(base: str) -> str:
         return "s"
     if base.startswith(AGE):
         return Age.of(base).unit
-    unit = _OBSERVATION_UNITS[base.rsplit(".", 1)[1]]
+    unit = CHANNELS[base.rsplit(".", 1)[1]].unit
     return unit if base.startswith("observation.offset") else f"{unit}/s"
 
 
