@@ -16,7 +16,7 @@ from ipmclab.choosing.noise import FadingNoise, Filtered, ResidualSeries, fit_no
 from ipmclab.choosing.spread import directions, slopes
 from ipmclab.errors import IpmclabError
 from ipmclab.fit.fit import Fit
-from ipmclab.identification.identify import identify_part
+from ipmclab.identification.identify import identify_freed
 from ipmclab.identification.problem.free import parse_free
 from ipmclab.identification.problem.record import PreparedRun, as_read
 from ipmclab.model import Actuator
@@ -139,11 +139,12 @@ def hold_out(
     """
     held = [division.held_rows(record, fold) for record in division.records]
     kept = [place for place in range(len(runs)) if not (division.whole_runs and held[place].any())]
-    part = identify_part(
+    part = identify_freed(
         actuator,
         [as_read(division.records[place], held[place]) for place in kept],
         parse_free(actuator.parameter_values, free, per_run, ()),
         [division.records[place].label for place in kept],
+        diagnosed=False,
         followed=division.whole_runs,  # what one run alone determines is asked; of blocks nobody reads an interval
     )
     left: dict[Key, ResidualSeries] = {}

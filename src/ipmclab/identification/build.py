@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -54,14 +53,9 @@ from ipmclab.identification.undetermined.practical import practical
 from ipmclab.model import Actuator
 from ipmclab.model.environment.age import AGE, Age
 from ipmclab.model.parameters import Parameter
-from ipmclab.run import Finding, Run
+from ipmclab.run import Finding, FloatArray, Run
+from ipmclab.units import CHANNELS
 from ipmclab.version import __version__
-
-FloatArray = npt.NDArray[np.float64]
-
-_MOTION: Final = frozenset({"displacement", "force"})
-
-_OBSERVATION_UNITS: Final = {"current": "A", "displacement": "m", "force": "N"}
 
 
 def build_fit(
@@ -74,8 +68,7 @@ def build_fit(
     followed: bool = True,
 ) -> Fit:
     """Errors, intervals (bent ones ``followed`` along profiles), correlations, diagnosis and the fitted actuator."""
-    problem, solution = result.problem, result.solution
-    parameters = result.parameters
+    problem, solution, parameters = result.problem, result.solution, result.parameters
     free = {unknown.base for unknown in problem.unknowns}
     stated = stated_covariance(
         actuator, [n for n, p in parameters.items() if n not in free and p.standard_uncertainty > 0.0]
@@ -91,17 +84,8 @@ def build_fit(
     model = Actuator(actuator.name, reference)
     open_edges = edges_are_open(asked, found)
     alone = [
-        interval_of(
-            result.correlated,
-            unknown,
-            place,
-            found,
-            number,
-            float(relative[number]),
-            open_edges=open_edges,
-            followed=followed,
-        )
-        for number, (place, unknown) in enumerate(problem.asked)
+        interval_of(result.correlated, found, number, error, open_edges=open_edges, followed=followed)
+        for number, error in enumerate(relative.tolist())
     ]
     points = _points(result, found, rivals, stated, exact, [end for one in alone for end in one.ends])
     while_kept = _while_unseen_are_kept(points)
@@ -130,22 +114,20 @@ def build_fit(
         variance = float(found.covariance[number, number])
         wider = half_width(unknown, interval) / NORMAL_95 if unknown.name in ambiguous else 0.0
         if unknown.log and wider**2 > variance:
-            variance = max(variance, wider**2)
-            error = max(error, wider)
+            variance, error = wider**2, max(error, wider)
         if unknown.name in while_kept:
             middle, deviation = while_kept[unknown.name]
             reach = NORMAL_95 * deviation
             ends = values_within_bounds(unknown, middle - reach, middle + reach)
             interval = min(interval[0], ends[0]), max(interval[1], ends[1])
             variance = max(variance, deviation**2, (middle - float(solution.theta[place])) ** 2)
-            size = 1.0 if unknown.log else max(abs(value) / unknown.scale, 1.0)
-            error = max(error, math.sqrt(variance) / size)
+            error = max(error, math.sqrt(variance) / unknown.size(value))
         fitted[name] = FittedParameter(
             name=name,
             value=value,
             unit=parameters[unknown.base].unit if unknown.base in parameters else _unit(unknown.base),
             symbol=parameters[order(unknown.base)].symbol if unknown.base in parameters else "",
-            standard_error=_standard_error(unknown, value, variance, error),
+            standard_error=math.inf if math.isinf(error) else math.sqrt(max(variance, 0.0)) * unknown.chain(value),
             interval=interval,
             determined=agree
             and min(error, nearer_error) <= DETERMINED
@@ -179,14 +161,13 @@ def build_fit(
     known = np.isfinite(relative) & np.array([unknown.name not in beyond for unknown in asked], dtype=bool)
     correlations = _correlations(list(fitted), [order(unknown.name) for unknown in asked], found, known)
     observations = tuple(
-        observation(problem, solution, record, runs[record.place], order, result.correlated)
-        for record in problem.records
+        observation(result.correlated, record, runs[record.place], order) for record in problem.records
     )
     all_findings = (
         *findings,
         *unexplained(problem, result.correlated.left),
         *_fit_findings(solution, found, fitted, stated, exact, asked, order, named),
-        *noise_findings(problem, result.correlated, found),
+        *noise_findings(result.correlated, found),
         *drift_findings(problem, observations),
     )
     fit = Fit(
@@ -201,7 +182,7 @@ def build_fit(
         converged=solution.converged,
         message=message(solution, all_findings),
         evaluations=solution.evaluations,
-        residuals=residuals(problem, result.correlated),
+        residuals=residuals(result.correlated),
         software_version=__version__,
         practical=practical(problem, solution, order),
         covariance=_covariance(asked, values, found, stated, order),
@@ -268,13 +249,9 @@ def _exact_names(actuator: Actuator, problem: Problem, taken: set[str]) -> list[
     candidates = ["circuit.sheet_resistance"]
     if not isinstance(problem.responder, CircuitResponder):
         candidates += ["geometry.thickness", "beam.modulus"]
-    if any(not _MOTION.isdisjoint(record.readings) for record in problem.records):
+    if any(record.readings.keys() & {"displacement", "force"} for record in problem.records):
         candidates += [name for name in actuator.parameter_values if name.startswith("coupling.")]
     return [name for name in candidates if name not in taken and name in actuator.parameter_values]
-
-
-def _standard_error(unknown: Unknown, value: float, variance: float, error: float) -> float:
-    return math.inf if math.isinf(error) else math.sqrt(max(variance, 0.0)) * unknown.chain(value)
 
 
 def _unit(base: str) -> str:
@@ -282,7 +259,7 @@ def _unit(base: str) -> str:
         return "s"
     if base.startswith(AGE):
         return Age.of(base).unit
-    unit = _OBSERVATION_UNITS[base.rsplit(".", 1)[1]]
+    unit = CHANNELS[base.rsplit(".", 1)[1]].unit
     return unit if base.startswith("observation.offset") else f"{unit}/s"
 
 
@@ -314,11 +291,7 @@ def _correlations(
 
 
 def _covariance(
-    asked: Sequence[Unknown],
-    values: FloatArray,
-    found: Uncertainty,
-    stated: Table,
-    order: Order,
+    asked: Sequence[Unknown], values: FloatArray, found: Uncertainty, stated: Table, order: Order
 ) -> dict[str, dict[str, float]]:
     names = [order(unknown.name) for unknown in asked]
     chains = [unknown.chain(float(value)) for unknown, value in zip(asked, values, strict=True)]
@@ -326,21 +299,12 @@ def _covariance(
     return covariance_table(names, found.covariance, chains, {order(one): found.slopes[one] for one in stated}, held)
 
 
-def _fitted_actuator(
-    actuator: Actuator,
-    problem: Problem,
-    solution: Solution,
-    fit: Fit,
-    order: Order,
-) -> Actuator:
+def _fitted_actuator(actuator: Actuator, problem: Problem, solution: Solution, fit: Fit, order: Order) -> Actuator:
     every = [problem.in_reference(solution.theta, record.place) for record in problem.records]
     means = np.mean([[run[name] for name in actuator.parameter_values] for run in every], axis=0)
-    values = dict(zip(actuator.parameter_values, means.tolist(), strict=True))
-    uncertain = {
-        n: u for n, u in actuator.standard_uncertainties.items() if n not in {x.base for x in problem.unknowns}
-    }
-    values = {order(name): value for name, value in values.items()}
-    uncertain = {order(name): value for name, value in uncertain.items()}
+    values = {order(name): mean for name, mean in zip(actuator.parameter_values, means.tolist(), strict=True)}
+    free = {unknown.base for unknown in problem.unknowns}
+    uncertain = {order(name): one for name, one in actuator.standard_uncertainties.items() if name not in free}
     for name, parameter in fit.parameters.items():
         if name in values and parameter.determined:
             uncertain[name] = parameter.standard_error

@@ -7,7 +7,6 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
-import numpy.typing as npt
 
 from ipmclab.confidence import NORMAL_95
 from ipmclab.identification.noise.correlate import Correlated, with_noise
@@ -28,17 +27,12 @@ from ipmclab.identification.search.assumed import (
     without_idle,
     zero_kept,
 )
-from ipmclab.identification.search.descent import (
-    minimum_from,
-    settled_nearest,
-    start_with_fewer,
-    weigh,
-)
+from ipmclab.identification.search.descent import minimum_from, settled_nearest, start_with_fewer, weigh
 from ipmclab.identification.search.doublet import has_doublet
 from ipmclab.identification.search.doubts import contradicted_currents
 from ipmclab.identification.search.everywhere import Everywhere
 from ipmclab.identification.search.lowest import find_minima
-from ipmclab.identification.search.pose import need_as_many_readings, without_leak
+from ipmclab.identification.search.pose import need_as_many_readings, solved_for, without_leak
 from ipmclab.identification.search.rest import could_be_zero, not_at_rest
 from ipmclab.identification.search.settled import settled_with_unfelt_held
 from ipmclab.identification.search.solve import Solution
@@ -50,8 +44,7 @@ from ipmclab.identification.uncertainty.unshown_zero import unshown_zeros
 from ipmclab.model import Actuator
 from ipmclab.model.parameters import Parameter
 from ipmclab.progress import stage
-
-FloatArray = npt.NDArray[np.float64]
+from ipmclab.run import FloatArray
 
 
 def estimate(actuator: Actuator, names: FreeParameters, records: Sequence[PreparedRun]) -> Estimate:
@@ -71,10 +64,9 @@ def estimate(actuator: Actuator, names: FreeParameters, records: Sequence[Prepar
     under, other = noisy(problem, solution)
     resting = _at_rest_after_all(under, given_up)
     if resting:
-        places = set(resting)
-        starts = {c for c, unknown in enumerate(problem.unknowns) if unknown.is_start and unknown.place in places}
-        problem, solution = with_less(problem, solution, starts, places)
-        given_up -= places
+        starts = {column for place in resting for column in problem.places[place].starts}
+        problem, solution = with_less(problem, solution, starts, resting)
+        given_up -= resting
         under, other = noisy(problem, solution)
     stage("asking what the readings do not show", 0.7, 0.75)
     unseen, smaller, there = without_unseen(under)
@@ -143,23 +135,17 @@ def _least_squares(
     return problem, solution, minima, given_up
 
 
-def _at_rest_after_all(under: Correlated, places: Set[int]) -> dict[int, list[int]]:
-    """Runs whose start differs from rest by no more than their noise does, and the entries of their start.
+def _at_rest_after_all(under: Correlated, places: Set[int]) -> set[int]:
+    """Runs whose start differs from rest by no more than their noise does.
 
     White noise is what the first fit assumes. Under autocorrelated noise it contradicts rest far more often
     than its tests say.
     """
-    if not under.shapes:
-        return {}
-    found: dict[int, list[int]] = {}
-    for place in places:
-        there = [
-            column
-            for column, unknown in enumerate(under.problem.unknowns)
-            if unknown.is_start and unknown.place == place
-        ]
+    found = set()
+    for place in places if under.shapes else ():
+        there = under.problem.places[place].starts
         if there and could_be_zero(under.solution, there, under.covariance_of_all):
-            found[place] = there
+            found.add(place)
     return found
 
 
@@ -168,7 +154,7 @@ def _noisy(
 ) -> tuple[Correlated, Correlated | None]:
     """The noise of a fit, the fit under it where that predicts as well; and another fit that is as good."""
     least = with_noise(problem, solution, assumed_zeros(problem, names), everywhere.least)
-    return weighted(least, everywhere.lowest, Everywhere(()).lowest)
+    return weighted(least, everywhere.lowest)
 
 
 def _without_stages(
@@ -193,16 +179,13 @@ def _without_stages(
 
 def _in_full(problem: Problem, smaller: Problem, solution: Solution) -> Solution:
     """A point of a problem whose zeros and slopes were left to the noise, with the best of these in the whole one."""
-    if len(problem.unknowns) == len(smaller.unknowns) and problem is smaller:
+    if problem is smaller:
         return solution
     theta = Rival.of(smaller, solution.theta).vector_of(problem.unknowns, np.zeros(len(problem.unknowns)))
     names = {unknown.name for unknown in smaller.unknowns}
     left = np.array([unknown.name not in names for unknown in problem.unknowns], dtype=bool)
-    here = problem.evaluate(theta)
-    if left.any():
-        theta[left] -= np.linalg.lstsq(here.jacobian[:, left], here.residual, rcond=1e-12)[0]
-        here = problem.evaluate(theta)
-    return replace(solution, theta=theta, evaluation=here)
+    theta = solved_for(problem, theta, left)
+    return replace(solution, theta=theta, evaluation=problem.evaluate(theta))
 
 
 def _reference(problem: Problem, solution: Solution) -> FloatArray:

@@ -34,11 +34,7 @@ from ipmclab.identification.problem.earlier_fit import as_read_before, fitted_ru
 from ipmclab.identification.problem.free import FreeParameters, Prior, parse_free
 from ipmclab.identification.problem.order import Order
 from ipmclab.identification.problem.priors import prior_findings, with_priors
-from ipmclab.identification.problem.record import (
-    disambiguated,
-    places_of_mountings,
-    prepare,
-)
+from ipmclab.identification.problem.record import disambiguated, places_of_mountings, prepare
 from ipmclab.identification.search.doubts import motion_of_another_coupling
 from ipmclab.identification.solved import Estimate
 from ipmclab.model import Actuator
@@ -126,13 +122,6 @@ def identify(
         return identify_freed(actuator, given, with_priors(actuator, names, prior), named)
 
 
-def identify_part(
-    actuator: Actuator, runs: Sequence[Run], names: FreeParameters, labels: Sequence[str], *, followed: bool
-) -> Fit:
-    """What ``identify`` finds of a part of some runs, but for what the model lacks; profiles where ``followed``."""
-    return identify_freed(actuator, runs, names, labels, diagnosed=False, followed=followed)
-
-
 @on_one_thread
 def identify_freed(
     actuator: Actuator,
@@ -143,7 +132,10 @@ def identify_freed(
     diagnosed: bool = True,
     followed: bool = True,
 ) -> Fit:
-    """What ``identify`` does when it is settled what is free, and what of it is known beforehand."""
+    """What ``identify`` does when it is settled what is free, and what of it is known beforehand.
+
+    It says what the model lacks where ``diagnosed``, and follows profiles where ``followed``.
+    """
 
     def of_these(places: Sequence[int], *, asked: bool = False, kept: bool = False) -> Fit:
         own = None if labels is None else [labels[place] for place in places]

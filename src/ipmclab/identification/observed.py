@@ -6,26 +6,18 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
 from ipmclab.fit.observation import Observation
 from ipmclab.fit.row_marks import RowMarks
 from ipmclab.identification.noise.correlate import Correlated
 from ipmclab.identification.problem.order import Order
-from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.problem.record import PreparedRun
-from ipmclab.identification.search.solve import Solution
-from ipmclab.run import Run
-from ipmclab.strip_state.run_state import RunState
-
-FloatArray = npt.NDArray[np.float64]
+from ipmclab.run import FloatArray, Run
 
 
-def observation(
-    problem: Problem, solution: Solution, record: PreparedRun, run: Run, order: Order, correlated: Correlated
-) -> Observation:
+def observation(correlated: Correlated, record: PreparedRun, run: Run, order: Order) -> Observation:
     """How the readings of one run were read: its delay, its start, its sensors and their noise."""
-    theta, place = solution.theta, record.place
+    problem, theta, place = correlated.problem, correlated.solution.theta, record.place
 
     def own(what: str) -> dict[str, float]:
         return {
@@ -59,25 +51,19 @@ def observation(
         series_resistance=record.series_resistance,
         noise_model={output: model for (at, output), model in correlated.noise.items() if at == place},
         mounting=record.run.metadata.mounting_id or "",
-        state=_state(record, problem, theta),
+        # With the water content at which its readings are met best.
+        state=None if record.state is None else replace(record.state, found=problem.water(theta, place)),
         marks=RowMarks.of(run),
     )
-
-
-def _state(record: PreparedRun, problem: Problem, theta: FloatArray) -> RunState | None:
-    """The state of the strip in one run, with the water content at which its readings are met best."""
-    if record.state is None:
-        return None
-    return replace(record.state, found=problem.water(theta, record.place))
 
 
 def _sum(one: Mapping[str, float], other: Mapping[str, float]) -> dict[str, float]:
     return {name: one.get(name, 0.0) + other.get(name, 0.0) for name in (*one, *other)}
 
 
-def residuals(problem: Problem, correlated: Correlated) -> tuple[dict[str, FloatArray], ...]:
+def residuals(correlated: Correlated) -> tuple[dict[str, FloatArray], ...]:
     """Readings less the free-running model of each run and output [SI], NaN where a row is not used."""
-    pieces = problem.pieces
+    problem, pieces = correlated.problem, correlated.problem.pieces
     found: list[dict[str, FloatArray]] = []
     for record in problem.records:
         of_run: dict[str, FloatArray] = {}
@@ -85,8 +71,6 @@ def residuals(problem: Problem, correlated: Correlated) -> tuple[dict[str, Float
             key = record.place, output
             column = np.full(len(reading.values), np.nan)
             column[reading.used] = -correlated.plain.residual[pieces[key]] * problem.noise[key]
-            since = record.run.time - record.run.time[0]
-            column -= correlated.offset.get(key, 0.0) + correlated.drift.get(key, 0.0) * since
-            of_run[output] = column
+            of_run[output] = column - correlated.beside(key)
         found.append(of_run)
     return tuple(found)

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.fit.fit import Fit
+from ipmclab.identification.diagnostics.score_directions import one_step_along
 from ipmclab.model import Actuator
 from ipmclab.model.environment import Environment
 from ipmclab.planning.answer import Answer, FittedStrip
@@ -197,4 +198,5 @@ def _readings(answer: Answer, shown: set[str]) -> dict[str, FloatArray]:
 
 def _at(rival: Rival, strip: FittedStrip) -> Rival:
     """A stage that the strip may lack, given to the strip at other values; another model stays as it is."""
-    return rival if rival.direction is None else replace(rival, actuator=rival.direction.given_to(strip.actuator))
+    along = rival.direction
+    return rival if along is None else replace(rival, actuator=one_step_along(along, strip.actuator))

@@ -8,9 +8,10 @@ from typing import Final
 
 from ipmclab.errors import InputError
 from ipmclab.fit.fit import Fit
-from ipmclab.identification.diagnostics.score_directions import ScoreDirection, score_directions
+from ipmclab.identification.diagnostics.score_directions import one_step_along, score_directions
 from ipmclab.model import Actuator, simulate
 from ipmclab.model.kinds import kind_named
+from ipmclab.model.stages.kind import Trial
 from ipmclab.model.variants import with_stages
 from ipmclab.planning.answer import FittedStrip
 
@@ -26,13 +27,13 @@ class Rival:
     ----------
     name : str
     actuator : Actuator
-    direction : ScoreDirection, optional
+    direction : Trial, optional
         Where it is the fitted strip with a little of a stage: how much of it there is, nobody knows.
     """
 
     name: str
     actuator: Actuator
-    direction: ScoreDirection | None = field(default=None)
+    direction: Trial | None = field(default=None)
 
     def least_shown(self, errors: float) -> Mapping[str, tuple[float, str]]:
         """The least of its stage that would show, where as much as it has differs by so many standard errors.
@@ -41,8 +42,8 @@ class Rival:
         """
         if self.direction is None or not errors > 0.0:
             return {}
-        kind = kind_named(self.direction.name)
-        sized = self.direction.sized(_SHOWN / errors)
+        kind = kind_named(self.direction.stage)
+        sized = self.direction.sized(kind, _SHOWN / errors)
         known = self.actuator.parameters()
         return {name: (value, known[name].unit) for name, value in sized.items() if kind.ending(name) in kind.off}
 
@@ -74,7 +75,7 @@ def rivals_of(strip: FittedStrip, rival: str | Actuator | Fit | None, voltage: f
         )
     with_stages(strip.actuator, stage)  # says what is wrong with its name
     run = simulate(strip.actuator, f"step {voltage:g} V", duration=_LENGTH, rate=50.0)
-    found = [one for one in score_directions(strip.actuator, [run], strip.outputs) if one.name == stage]
+    found = [one for one in score_directions(strip.actuator, [run], strip.outputs) if one.stage == stage]
     if not found:
         raise InputError(
             f"runs at {voltage:g} V that read the {' and the '.join(strip.outputs)} would not show a stage {stage}",
@@ -83,6 +84,6 @@ def rivals_of(strip: FittedStrip, rival: str | Actuator | Fit | None, voltage: f
             repair=kind_named(stage).to_show or "name another stage, or fit runs with an output that shows it",
         )
     return tuple(
-        Rival(stage if one.trial.lag is None else f"{stage} ({one.trial.lag:.2g} s)", one.given_to(strip.actuator), one)
+        Rival(stage if one.lag is None else f"{stage} ({one.lag:.2g} s)", one_step_along(one, strip.actuator), one)
         for one in found
     )

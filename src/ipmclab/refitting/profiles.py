@@ -174,16 +174,15 @@ def _profile(estimate: Estimate, unknown: Unknown, place: int, error: float, rat
     points = [best]
     ends = []
     for sign in (-1.0, 1.0):
-        side = one_side(problem, solution, place, sign * error, scaled)
-        found = list(side.points)
-        ends.append(side.crossing)
-        for part in (_BETWEEN, _BEYOND) if math.isfinite(side.crossing) else ():
-            entry = middle + part * (side.crossing - middle)
+        crossing, found = one_side(problem, solution, place, sign * error, scaled)
+        ends.append(crossing)
+        for part in (_BETWEEN, _BEYOND) if math.isfinite(crossing) else ():
+            entry = middle + part * (crossing - middle)
             if problem.lower[place] < entry < problem.upper[place]:
                 warm = min([best, *found], key=lambda point: abs(point.entry - entry))
                 more = held_at(problem, solution, place, entry, warm, scaled)
                 found += [more] if more is not None else []
-        points += _as_far_as_it_matters(found, middle, side.crossing, scaled)
+        points += _as_far_as_it_matters(found, middle, crossing, scaled)
     points = sorted({point.entry: point for point in points}.values(), key=lambda point: point.entry)
     return Profile(
         values=tuple(unknown.value(point.entry) for point in points),

@@ -211,7 +211,7 @@ def test_gains_of_additions_are_those_of_linear_regression(lacking: Fit) -> None
     left = Left.of(lacking.estimate, "current")
     some = score_directions(FRIEND, [record.run for record in left.problem.records], ["current"])
     kept, rows = along_directions(left.problem, left.theta, FRIEND, some, "current")
-    assert {one.name for one in kept} >= {"branches=3", "clamp", "leak.cubic", "line.modes"}
+    assert {one.stage for one in kept} >= {"branches=3", "clamp", "leak.cubic", "line.modes"}
     white = {piece.key: Shape(Terms(), np.zeros(0), 1.0) for piece in left.pieces}
     gains, sizes = left.evidence(rows).alone(white)
     jacobian, residual = left.here.jacobian, left.here.residual

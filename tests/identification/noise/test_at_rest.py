@@ -9,10 +9,8 @@ import scipy.signal
 from ipmclab import Run, identify, load_actuator, simulate
 from ipmclab.fit.fit import Fit
 from ipmclab.identification.noise.at_rest import (
-    is_at_rest_too,
+    Resting,
     is_shown_at_rest,
-    likelier_with_slow,
-    noise_at_rest,
     without_spikes,
 )
 from ipmclab.model.variants import with_stages
@@ -79,12 +77,12 @@ def test_the_likelihood_of_a_walk_is_that_of_its_covariance(walk: float, order: 
         return float((count - 1) * np.log(squares) + np.linalg.slogdet(covariance)[1] + np.log(ones @ inverse @ ones))
 
     noise = Shape(Terms(order=order, walk=True), entries, 1.0)
-    assert likelier_with_slow(noise, rows) == pytest.approx(deviance(still) - deviance(still + walks), rel=1e-9)
+    assert Resting(noise, rows).likelier_with_slow == pytest.approx(deviance(still) - deviance(still + walks), rel=1e-9)
 
 
 @pytest.mark.parametrize("rows", [np.zeros(0), np.zeros(2), np.full(80, 0.3)])
 def test_rows_without_noise_say_nothing_of_a_walk(rows: np.ndarray) -> None:
-    assert likelier_with_slow(Shape(Terms(walk=True), np.zeros(1), 1.0), rows) == 0.0
+    assert Resting(Shape(Terms(walk=True), np.zeros(1), 1.0), rows).likelier_with_slow == 0.0
 
 
 def test_an_autoregression_that_is_slower_than_the_rows_at_rest_has_to_show_there() -> None:
@@ -92,23 +90,23 @@ def test_an_autoregression_that_is_slower_than_the_rows_at_rest_has_to_show_ther
     generator = np.random.default_rng(20261121)
     slow = Shape(Terms(order=1, white=True), np.array([np.arctanh(0.996), 2.4]), 0.01)
     white = np.sqrt(0.01 * np.exp(2.0 * 2.4)) * generator.standard_normal((3, 125))
-    assert [is_at_rest_too(slow, rows) for rows in white] == [True] * 3
-    assert is_shown_at_rest([(slow, rows) for rows in white]) is not True
+    assert [Resting(slow, rows).is_at_rest_too for rows in white] == [True] * 3
+    assert is_shown_at_rest([Resting(slow, rows) for rows in white]) is not True
     fast = Shape(Terms(order=1), np.array([np.arctanh(0.9)]), 1.0 - 0.9**2)
-    assert is_shown_at_rest([(fast, drawn(fast, np.ones(250, dtype=np.int64), generator))]) is True
+    assert is_shown_at_rest([Resting(fast, drawn(fast, np.ones(250, dtype=np.int64), generator))]) is True
 
 
 def test_a_smaller_noise_at_rest_is_autocorrelated_where_its_rows_are() -> None:
     generator = np.random.default_rng(20261128)
     driven = Shape(Terms(order=1), np.array([np.arctanh(0.9)]), 1.0 - 0.9**2)
     smaller = 0.3 * drawn(driven, np.ones(4000, dtype=np.int64), generator)
-    found = noise_at_rest(driven, smaller, 0.0)
+    found = Resting(driven, smaller).noise_at_rest(0.0)
     assert found.terms == driven.terms
     assert found.variance == pytest.approx(0.3**2 * driven.variance, rel=0.1)
-    white = noise_at_rest(driven, 0.3 * generator.standard_normal(4000), 0.0)
+    white = Resting(driven, 0.3 * generator.standard_normal(4000)).noise_at_rest(0.0)
     assert white.terms.is_white
     assert white.variance == pytest.approx(0.3**2, rel=0.1)
-    assert noise_at_rest(driven, np.zeros(100), 1e-4).variance == 1e-4
+    assert Resting(driven, np.zeros(100)).noise_at_rest(1e-4).variance == 1e-4
 
 
 def test_a_start_that_takes_up_the_noise_of_the_rows_at_rest_is_none() -> None:

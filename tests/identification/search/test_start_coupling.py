@@ -7,7 +7,7 @@ import pytest
 
 from ipmclab import Run, load_actuator, simulate
 from ipmclab.identification.problem.record import PreparedRun, prepare
-from ipmclab.identification.search.starts.start_coupling import coupling_starts, motion_series
+from ipmclab.identification.search.starts.start_coupling import coupling_starts, motion_series, of_output
 from ipmclab.model import Actuator
 
 COUPLING = ("coupling.gain", "coupling.zero", "coupling.p1", "coupling.p2")
@@ -50,15 +50,10 @@ def test_displacement_tells_the_coupling_and_force_the_stiffness(stiffer: float,
 def test_series_know_their_output_and_their_run() -> None:
     records = [record(STRIP, ("displacement", "force"), 0), record(STRIP, ("force",), 1)]
     seen = motion_series(STRIP, records, {})
-    assert [(one.place, output) for one, output in seen.labels] == [(0, "displacement"), (0, "force"), (1, "force")]
-    pressing = seen.of("force")
-    assert [one.place for one, _ in pressing.labels] == [0, 1]
-    assert pressing.output == "force"
-    assert [any(one is other for other in seen.series[1:]) for one in pressing.series] == [True, True]
-    moving = seen.of("displacement")
-    assert moving.series[0] is seen.series[0]
-    assert moving.output == "displacement"
+    assert [(one.record.place, one.output) for one in seen] == [(0, "displacement"), (0, "force"), (1, "force")]
+    assert [id(one) for one in of_output(seen, "force")] == [id(one) for one in seen[1:]]
+    assert [id(one) for one in of_output(seen, "displacement")] == [id(seen[0])]
     # Both are d(s) of the node voltage: over their static factors they are one series.
     light = STRIP.replace(**{"beam.density": 1.0})
-    alike, pressed = motion_series(light, [record(light, ("displacement", "force"))], {}).series
+    alike, pressed = (one.run for one in motion_series(light, [record(light, ("displacement", "force"))], {}))
     np.testing.assert_allclose(alike.readings, pressed.readings, atol=2e-3 * np.abs(pressed.readings).max())

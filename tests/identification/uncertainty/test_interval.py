@@ -88,12 +88,12 @@ def test_a_walk_finds_where_the_profile_crosses_a_height(sigma: float, height: f
 def test_a_side_of_a_profile_has_every_point_on_the_way_and_not_the_minimum(side: float) -> None:
     gain, theta = Gain(1.0, 0.1), np.zeros(2)
     solution = Solution(theta, gain.evaluate(theta), True, "", 1)
-    found = one_side(cast(Any, gain), solution, 0, side * 0.1, 1.96**2)
-    assert found.crossing == pytest.approx(math.log1p(side * 0.196), rel=0.01)
+    crossing, points = one_side(cast(Any, gain), solution, 0, side * 0.1, 1.96**2)
+    assert crossing == pytest.approx(math.log1p(side * 0.196), rel=0.01)
     walk = gain.walks()[side > 0.0]
     walk.distance(1.96)
-    assert [point.entry for point in found.points] == [point.entry for point in walk.points if point.height > 0.0]
-    assert found.points
+    assert [point.entry for point in points] == [point.entry for point in walk.points if point.height > 0.0]
+    assert points
 
 
 def test_a_side_on_which_the_cost_stays_low_is_open() -> None:
@@ -178,9 +178,10 @@ def _gain_known_to(error: float, sign: float) -> tuple[Interval, Unknown, Any]:
         covariance, covariance.diagonal(), covariance, np.zeros((0, 1)), np.ones(1), {}, (), np.array([1e6])
     )
     unknown = actuator_unknown(load_actuator("friend-2").parameters()["circuit.branches.0.resistivity"], None)
+    problem.asked = ((0, unknown),)
     solution = Solution(theta, problem.evaluate(theta), True, "", 1)
     correlated = Correlated(problem, solution, solution.evaluation)
-    return interval_of(correlated, unknown, 0, found, 0, error, open_edges=False), unknown, problem
+    return interval_of(correlated, found, 0, error, open_edges=False), unknown, problem
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])

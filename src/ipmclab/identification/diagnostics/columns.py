@@ -7,11 +7,12 @@ from typing import Final
 
 import numpy as np
 
-from ipmclab.identification.diagnostics.score_directions import ScoreDirection, response
+from ipmclab.identification.diagnostics.score_directions import response
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.problem.record import drive
 from ipmclab.model import Actuator
 from ipmclab.model.numerics.drive import Drive, responses
+from ipmclab.model.stages.kind import Trial
 from ipmclab.run import FloatArray
 
 _LAGS: Final = (0.002, 0.006, 0.02, 0.06, 0.2, 0.6)
@@ -19,8 +20,8 @@ _LAGS: Final = (0.002, 0.006, 0.02, 0.06, 0.2, 0.6)
 
 
 def along_directions(
-    problem: Problem, theta: FloatArray, actuator: Actuator, directions: Sequence[ScoreDirection], output: str
-) -> tuple[list[ScoreDirection], FloatArray]:
+    problem: Problem, theta: FloatArray, actuator: Actuator, directions: Sequence[Trial], output: str
+) -> tuple[list[Trial], FloatArray]:
     """Those that go with an actuator, and what each changes in one output; shape (n_directions, n_residual)."""
     kept, rows = [], []
     for direction in directions:

@@ -55,7 +55,10 @@ def diagnose(
                 verdict = verdicts[left.output] if alone else "white"
                 found.append(output_diagnosis(estimate.correlated, record, left.output, verdict, basis))
     tried = tried_stages(actuator, names, every)
-    return tuple(found), _findings(actuator, every, tried, _fixed_motion(actuator, names, read))
+    fixed, chosen = _fixed_motion(actuator, names, read), named(tried)
+    if chosen:
+        return tuple(found), [_missing(actuator, chosen, fixed)]
+    return tuple(found), [_incomplete(left, tried, fixed) for left in every if left.follows or left.bends]
 
 
 def _fixed_motion(actuator: Actuator, names: FreeParameters, read: Sequence[str]) -> str:
@@ -75,13 +78,6 @@ def _verdict(left: Left) -> Verdict:
     if left.follows:
         return "follows the voltage"
     return "bends with the voltage" if left.bends else "autocorrelated"
-
-
-def _findings(actuator: Actuator, every: Sequence[Left], tried: Sequence[Tried], fixed: str) -> list[Finding]:
-    chosen = named(tried)
-    if chosen:
-        return [_missing(actuator, chosen, fixed)]
-    return [_incomplete(left, tried, fixed) for left in every if left.follows or left.bends]
 
 
 def _missing(actuator: Actuator, chosen: Sequence[Tried], fixed: str) -> Finding:

@@ -9,7 +9,6 @@ from typing import Final
 import numpy as np
 
 from ipmclab.errors import IpmclabError
-from ipmclab.identification.diagnostics.score_directions import ScoreDirection
 from ipmclab.identification.problem.free import FreeParameters
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.problem.record import ASSUMED_REST
@@ -22,6 +21,8 @@ from ipmclab.identification.search.solve import Solution, minimise
 from ipmclab.identification.search.starts.start import starting_points
 from ipmclab.model import Actuator
 from ipmclab.model.declared import is_held
+from ipmclab.model.kinds import kind_named
+from ipmclab.model.stages.kind import Trial
 from ipmclab.model.variants import with_stages
 from ipmclab.run import FloatArray
 
@@ -39,15 +40,12 @@ class Extended:
 
     Parameters
     ----------
-    direction : ScoreDirection
-        The stage.
     problem : Problem
         Not whitened, with the weights of the fit without it.
     solution : Solution
         Near the least squares of white noise.
     """
 
-    direction: ScoreDirection
     problem: Problem
     solution: Solution
 
@@ -58,7 +56,7 @@ class Extended:
 
 
 def from_here(
-    problem: Problem, theta: FloatArray, actuator: Actuator, direction: ScoreDirection, size: float
+    problem: Problem, theta: FloatArray, actuator: Actuator, direction: Trial, size: float
 ) -> Extended | None:
     """Fit again with a stage, from the point that a fit has reached; None where the stage does not go with it.
 
@@ -69,14 +67,14 @@ def from_here(
     theta : float array, shape (n_unknown,)
     actuator : Actuator
         That was fitted, without the stage.
-    direction : ScoreDirection
+    direction : Trial
     size : float
         The first guess of how much there is of it, in steps along the direction.
     """
     try:
         values = {**actuator.parameter_values, **problem.base}
-        richer = with_stages(actuator.replace(**values), direction.name)
-        sized = direction.sized(size)
+        richer = with_stages(actuator.replace(**values), direction.stage)
+        sized = direction.sized(kind_named(direction.stage), size)
         kept = [column for column, unknown in enumerate(problem.unknowns) if not unknown.is_start]
         unknowns = [problem.unknowns[column] for column in kept]
         entries = [float(theta[column]) for column in kept]
@@ -98,11 +96,11 @@ def from_here(
         found = _briefly(wider, start, _EVALUATIONS)
     except (IpmclabError, ArithmeticError, ValueError, np.linalg.LinAlgError):
         return None
-    return Extended(direction, wider, found) if np.isfinite(found.evaluation.cost) else None
+    return Extended(wider, found) if np.isfinite(found.evaluation.cost) else None
 
 
 def afresh(
-    problem: Problem, actuator: Actuator, names: FreeParameters, direction: ScoreDirection, known: Extended | None
+    problem: Problem, actuator: Actuator, names: FreeParameters, direction: Trial, known: Extended | None
 ) -> Extended | None:
     """Fit again with a stage, from what the readings themselves show; None where the stage does not go with it.
 
@@ -114,13 +112,13 @@ def afresh(
         That was fitted, without the stage.
     names : FreeParameters
         That were free.
-    direction : ScoreDirection
+    direction : Trial
     known : Extended or None
         What was found from where the fit is: where a start leads there too, no other is asked.
     """
     try:
-        richer = with_stages(actuator, direction.name)
-        richer = richer.replace(**direction.sized(1.0))
+        richer = with_stages(actuator, direction.stage)
+        richer = richer.replace(**direction.sized(kind_named(direction.stage), 1.0))
         wider = replace(names, shared=(*names.shared, *_freed(actuator, richer)))
         parameters = richer.parameters()
         # It may be for want of this stage that a start from rest was contradicted.
@@ -133,7 +131,7 @@ def afresh(
         tried = []
         for point in islice(starting_points(richer, wider, records), _STARTS):
             own = problem_at(richer, parameters, wider, records, point, problem.noise)
-            tried.append(Extended(direction, own, _briefly(own, entries_at(own, point), SHORTLY)))
+            tried.append(Extended(own, _briefly(own, entries_at(own, point), SHORTLY)))
             if known is not None and abs(tried[-1].cost - known.cost) < _SAME * known.cost:
                 return known
         lowest = min(tried, key=lambda one: one.cost)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 
@@ -12,50 +12,15 @@ from ipmclab.identification.problem.excitation import excitation
 from ipmclab.identification.problem.free_run import seen_from_sensor
 from ipmclab.identification.problem.record import PreparedRun, model_hold
 from ipmclab.model import Actuator
-from ipmclab.model.kinds import kind_named, kinds
+from ipmclab.model.kinds import kinds
 from ipmclab.model.outputs import simulate_outputs
 from ipmclab.model.stages.kind import Trial
 from ipmclab.model.variants import with_stages
 from ipmclab.run import FloatArray, Run
 
 
-@dataclass(frozen=True)
-class ScoreDirection:
-    """A little of a stage that is not there.
-
-    Parameters
-    ----------
-    trial : Trial
-        As its stage declares it.
-    outputs : tuple of str
-        Those whose readings would show it.
-    """
-
-    trial: Trial
-    outputs: tuple[str, ...]
-
-    @property
-    def name(self) -> str:
-        """The stage as it is named after a plus."""
-        return self.trial.stage
-
-    @property
-    def both_ways(self) -> bool:
-        """Whether less than none of it can be too."""
-        return self.trial.both_ways
-
-    def sized(self, size: float) -> dict[str, float]:
-        """The values of so many of them."""
-        return self.trial.sized(kind_named(self.name), size)
-
-    def given_to(self, actuator: Actuator) -> Actuator:
-        """The actuator, one step along it."""
-        changes = self.trial.changes(actuator.parameter_values) if self.trial.changes is not None else {}
-        return with_stages(actuator, self.name).replace(**self.trial.values, **changes)
-
-
-def score_directions(actuator: Actuator, runs: Sequence[Run], outputs: Sequence[str]) -> list[ScoreDirection]:
-    """Every stage that an actuator lacks and these runs could show.
+def score_directions(actuator: Actuator, runs: Sequence[Run], outputs: Sequence[str]) -> list[Trial]:
+    """Every stage that an actuator lacks and these runs could show, each with the outputs that would show it.
 
     Parameters
     ----------
@@ -74,18 +39,24 @@ def score_directions(actuator: Actuator, runs: Sequence[Run], outputs: Sequence[
             # What changes the current changes the node voltage too, and so all outputs.
             shown = trial.outputs or (asked.outputs if kind.electrical else kind.outputs)
             if set(shown) & set(outputs):
-                found.append(ScoreDirection(trial, shown))
+                found.append(replace(trial, outputs=shown))
     return found
 
 
+def one_step_along(direction: Trial, actuator: Actuator) -> Actuator:
+    """An actuator with a little of a stage that it lacks."""
+    changes = direction.changes(actuator.parameter_values) if direction.changes is not None else {}
+    return with_stages(actuator, direction.stage).replace(**direction.values, **changes)
+
+
 def response(
-    direction: ScoreDirection, actuator: Actuator, record: PreparedRun, delay: float, state: Mapping[str, float] | None
+    direction: Trial, actuator: Actuator, record: PreparedRun, delay: float, state: Mapping[str, float] | None
 ) -> dict[str, FloatArray] | None:
     """What a direction changes in the readings of the outputs that it has; None where it does not go with an actuator.
 
     Parameters
     ----------
-    direction : ScoreDirection
+    direction : Trial
     actuator : Actuator
         With the values of this run.
     record : PreparedRun
@@ -103,7 +74,7 @@ def response(
 
     shown = [output for output in direction.outputs if output in record.readings]
     try:
-        changed = values(direction.given_to(actuator)) - values(actuator)
+        changed = values(one_step_along(direction, actuator)) - values(actuator)
     except (IpmclabError, ArithmeticError, np.linalg.LinAlgError):
         return None
     return dict(zip(shown, changed, strict=True)) if np.isfinite(changed).all() else None

@@ -10,10 +10,11 @@ from typing import Final
 from ipmclab.identification.diagnostics.columns import along_directions
 from ipmclab.identification.diagnostics.extend import Extended, afresh, from_here
 from ipmclab.identification.diagnostics.left import Left
-from ipmclab.identification.diagnostics.score_directions import ScoreDirection, score_directions
+from ipmclab.identification.diagnostics.score_directions import score_directions
 from ipmclab.identification.problem.free import FreeParameters
 from ipmclab.identification.problem.record import as_read
 from ipmclab.model import Actuator
+from ipmclab.model.stages.kind import Trial
 from ipmclab.ties import largest_first
 
 CLEAR: Final = 25.0  # of evidence, from which a stage is named
@@ -66,28 +67,26 @@ def tried_stages(actuator: Actuator, names: FreeParameters, every: Sequence[Left
         extended = from_here(problem, theta, strip, direction, size if direction.both_ways else max(size, _AT_LEAST))
         if extended is not None:
             found[name] = extended
-    judge = _Judge(doubted)
-    tried = {name: judge(name, one) for name, one in found.items()}
+    own = sum(left.deviance() for left in doubted)
+    tried = {name: _judged(name, one, doubted, own) for name, one in found.items()}
     if any(left.is_large(problem, left.here) for left in doubted):
         # So far from the readings that a little of a stage is no guide: each from what the readings themselves show.
         # Where one leaves the noise alone, only those that did not go with the fit as it is.
         best = [found[one.stage] for one in _best_first(tried)[:1]]
         enough = any(not any(left.is_large(one.problem, one.solution.evaluation) for left in doubted) for one in best)
-        for direction in {one.name: one for one in some}.values():
-            known = found.get(direction.name)
+        for direction in {one.stage: one for one in some}.values():
+            known = found.get(direction.stage)
             if enough and known is not None:
                 continue
             extended = afresh(problem, actuator, names, direction, known)
             if extended is not None and extended is not known:
-                tried[direction.name] = judge(direction.name, extended)
+                tried[direction.stage] = _judged(direction.stage, extended, doubted, own)
     return _best_first(tried)
 
 
-def _hints(
-    actuator: Actuator, doubted: Sequence[Left], some: Sequence[ScoreDirection]
-) -> dict[str, tuple[float, ScoreDirection, float]]:
+def _hints(actuator: Actuator, doubted: Sequence[Left], some: Sequence[Trial]) -> dict[str, tuple[float, Trial, float]]:
     """For each stage the direction that would lower chi-square most under the noise, by how much, and its size."""
-    best: dict[str, tuple[float, ScoreDirection, float]] = {}
+    best: dict[str, tuple[float, Trial, float]] = {}
     for left in doubted:
         mine = [one for one in some if left.output in one.outputs]
         mine, rows = along_directions(left.problem, left.theta, actuator, mine, left.output)
@@ -96,29 +95,23 @@ def _hints(
         evidence = left.evidence(rows)
         for direction, gain, size in zip(mine, *evidence.alone(left.shapes), strict=True):
             worth = abs(gain) if direction.both_ways else gain
-            if direction.name not in best or worth > best[direction.name][0]:
-                best[direction.name] = float(worth), direction, float(size)
+            if direction.stage not in best or worth > best[direction.stage][0]:
+                best[direction.stage] = float(worth), direction, float(size)
     return best
 
 
-class _Judge:
-    """What a stage would explain of what is left, with the fit as it is."""
-
-    def __init__(self, doubted: Sequence[Left]) -> None:
-        self._doubted = doubted
-        self._own = sum(left.deviance() for left in doubted)
-        self._readings = sum(left.readings for left in doubted)
-
-    def __call__(self, name: str, extended: Extended) -> Tried:
-        here, doubted = extended.solution.evaluation, self._doubted
-        added = len(extended.problem.unknowns) - len(doubted[0].problem.unknowns)
-        gain = self._own - sum(left.deviance(extended.problem, here) for left in doubted)
-        shares = {}
-        for left in doubted:
-            squares = left.squares(left.problem, left.here)
-            beyond = max(squares - left.noise, 0.01 * squares)
-            shares[left.output] = min((squares - left.squares(extended.problem, here)) / beyond, 1.0)
-        return Tried(name, gain - max(added, 1) * math.log(self._readings), shares)
+def _judged(name: str, extended: Extended, doubted: Sequence[Left], own: float) -> Tried:
+    """What a stage would explain of what is left; ``own`` is the deviance of the fit as it is."""
+    here = extended.solution.evaluation
+    added = len(extended.problem.unknowns) - len(doubted[0].problem.unknowns)
+    gain = own - sum(left.deviance(extended.problem, here) for left in doubted)
+    shares = {}
+    for left in doubted:
+        squares = left.squares(left.problem, left.here)
+        beyond = max(squares - left.noise, 0.01 * squares)
+        shares[left.output] = min((squares - left.squares(extended.problem, here)) / beyond, 1.0)
+    readings = sum(left.readings for left in doubted)
+    return Tried(name, gain - max(added, 1) * math.log(readings), shares)
 
 
 def _best_first(tried: Mapping[str, Tried]) -> list[Tried]:

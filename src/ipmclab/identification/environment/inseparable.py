@@ -12,6 +12,7 @@ from typing import Final
 
 import numpy as np
 
+from ipmclab.fit.as_fitted import listed
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.search.solve import Solution
 from ipmclab.model.environment.age import AGE
@@ -65,12 +66,11 @@ def _finding(age: str, laws: Sequence[str], ratio: float, states: Sequence[RunSt
     there = (
         "" if first.relative_humidity is None else f" ({first.temperature:.4g} degC, {first.relative_humidity:.3g} %RH)"
     )
-    listed = " and ".join(laws) if len(laws) < 3 else f"{', '.join(laws[:-1])} and {laws[-1]}"
     return Finding(
         CODE,
         "warning",
-        f"{age} and {listed} cannot be separated: a later run was also one in another environment, so ageing is known "
-        f"{ratio:.2g} times worse than it would be if the laws were known",
+        f"{age} and {listed(laws)} cannot be separated: a later run was also one in another environment, so ageing is "
+        f"known {ratio:.2g} times worse than it would be if the laws were known",
         f"go back: repeat the condition of the first run{there} at the end, and between others on the way",
         values={"ratio": ratio},
     )

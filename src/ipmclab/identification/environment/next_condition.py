@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import product
 from typing import Final
 
 import numpy as np
@@ -56,15 +57,10 @@ def next_condition(fit: Fit, problem: Problem, solution: Solution) -> list[Findi
     information = _without(products, asked, others)
     named = [order(problem.unknowns[place].name) for place in asked]
     scales = {order(unknown.name): unknown.scale for unknown in problem.unknowns}
-    now = np.sqrt(np.maximum(inverse(information).diagonal(), 0.0))
+    now = _errors(information)
     after = {
-        (humidity, temperature): np.sqrt(
-            np.maximum(
-                inverse(information + _information_of(problem, solution, asked, humidity, temperature)).diagonal(), 0.0
-            )
-        )
-        for humidity in HUMIDITIES
-        for temperature in TEMPERATURES
+        place: _errors(information + _information_of(problem, solution, asked, *place))
+        for place in product(HUMIDITIES, TEMPERATURES)
     }
     open_ones = [name for name in laws if not fit.parameters[name].determined]
     worst = max(laws, key=lambda name: fit.parameters[name].standard_error / scales[name])
@@ -73,13 +69,14 @@ def next_condition(fit: Fit, problem: Problem, solution: Solution) -> list[Findi
         number = named.index(name)
         best = min(after, key=lambda place: float(after[place][number]))
         left = float(after[best][number] / now[number])
-        found.append(_finding(fit, name, best, left, states, is_open=bool(open_ones)))
-    return [one for one in found if one is not None]
+        if open_ones or not left > _WORTH:
+            found.append(_finding(fit, name, best, left, states, is_open=bool(open_ones)))
+    return found
 
 
 def _finding(
     fit: Fit, name: str, place: tuple[float, float], left: float, states: Sequence[RunState], *, is_open: bool
-) -> Finding | None:
+) -> Finding:
     humidity, temperature = place
     one = fit.parameters[name]
     quantity = fit.actuator.parameters()[name].quantity
@@ -100,8 +97,6 @@ def _finding(
             f"record it and fit it with the others{after}",
             values=values,
         )
-    if left > _WORTH:
-        return None
     return Finding(
         NEXT,
         "info",
@@ -109,6 +104,10 @@ def _finding(
         f"one more run at {there} would leave {100.0 * left:.2g} % of that error",
         values=values,
     )
+
+
+def _errors(information: FloatArray) -> FloatArray:
+    return np.asarray(np.sqrt(np.maximum(inverse(information).diagonal(), 0.0)))
 
 
 def _range(states: Sequence[RunState]) -> str:

@@ -6,7 +6,7 @@ They hold its zero, its drift and its noise, and nothing else.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final, NamedTuple
 
@@ -52,6 +52,10 @@ class SlopeAtRest(NamedTuple):
         return abs(self.slope) > _SHOWN * self.error
 
 
+NO_SLOPE: Final = SlopeAtRest(0.0, math.inf, np.zeros(0))
+"""Where nothing is known."""
+
+
 def slope_at_rest(record: PreparedRun, output: str, noise: Shape, unit: float) -> SlopeAtRest:
     """Slope of the readings at 0 V before the strip is driven, and its standard error.
 
@@ -70,9 +74,9 @@ def slope_at_rest(record: PreparedRun, output: str, noise: Shape, unit: float) -
         In which the noise is.
     """
     reading = record.readings[output]
-    rows, none = np.flatnonzero(reading.exact[: record.resting]), np.zeros(0)
+    rows = np.flatnonzero(reading.exact[: record.resting])
     if len(rows) < _FEWEST_OF_SLOPE:
-        return SlopeAtRest(0.0, math.inf, none)
+        return NO_SLOPE
     step = reading.quantum
     time = record.run.time[rows]
     values = without_spikes(time, reading.values[rows], step)
@@ -89,10 +93,10 @@ def slope_at_rest(record: PreparedRun, output: str, noise: Shape, unit: float) -
         own = max(own, whole * min(observed, 1.0))
     variance = own / half**2 + (step / (2.0 * half)) ** 2 / 12.0
     if not variance > 0.0:  # readings that are all alike, and no converter's step known: nothing measured
-        return SlopeAtRest(0.0, math.inf, none)
+        return NO_SLOPE
     slope = float(answer[1]) / half
     if record.start == "free":
-        return SlopeAtRest(0.0, math.hypot(slope, math.sqrt(variance)), none)
+        return NO_SLOPE._replace(error=math.hypot(slope, math.sqrt(variance)))
     return SlopeAtRest(slope, math.sqrt(variance), (columns @ inner)[:, 1] / half)
 
 
@@ -113,113 +117,92 @@ def slope_inflation(time: FloatArray, step: float, noise: Shape) -> float:
     return max(found / float(inner[1, 1]), 1.0)
 
 
-def left_at_rest(record: PreparedRun, output: str, left: FloatArray, unit: float) -> FloatArray:
-    """What a fit leaves of the readings at 0 V, contacts that were touched aside; shape (n_resting,).
-
-    Parameters
-    ----------
-    record : PreparedRun
-    output : str
-    left : float array, shape (n_measured,)
-        What it leaves of every reading, in some unit.
-    unit : float [SI]
-    """
-    reading = record.readings[output]
-    rows = np.flatnonzero(reading.exact)
-    count = int(np.searchsorted(rows, record.resting))
-    step = reading.quantum / unit
-    return without_spikes(record.run.time[rows[:count]], left[:count], step)
-
-
-def is_at_rest_too(noise: Shape, left: FloatArray) -> bool | None:
-    """Whether a noise that is found under voltage is no larger than rows at 0 V show; None where these are few.
-
-    Held against each other are the mean squares of changes over one row, and over parts of the rows at 0 V.
+class Resting(NamedTuple):
+    """A noise that was found under voltage, and what the fit leaves of the readings at 0 V.
 
     Parameters
     ----------
     noise : Shape
     left : float array, shape (n_resting,)
-        By ``left_at_rest``, in the unit of the noise.
+        In the unit of the noise, contacts that were touched aside.
     """
-    count = len(left)
-    if count < FEWEST_OF_NOISE:
-        return None
-    lags = [1, *(count // part for part in _LAGS)]
-    observed = np.array([np.mean((left[lag:] - left[:-lag]) ** 2) for lag in lags])
-    return bool((structure(noise, lags) <= _TIMES * observed).all())
+
+    noise: Shape
+    left: FloatArray
+
+    @classmethod
+    def of(cls, record: PreparedRun, output: str, noise: Shape, left: FloatArray, unit: float) -> Resting:
+        """From what a fit leaves of every reading that is measured, in so many SI units, as the noise is."""
+        reading = record.readings[output]
+        rows = np.flatnonzero(reading.exact)
+        count = int(np.searchsorted(rows, record.resting))
+        step = reading.quantum / unit
+        return cls(noise, without_spikes(record.run.time[rows[:count]], left[:count], step))
+
+    @property
+    def is_at_rest_too(self) -> bool | None:
+        """Whether the noise is no larger than rows at 0 V show; None where these are few.
+
+        Held against each other are the mean squares of changes over one row, and over parts of the rows at 0 V.
+        """
+        left, count = self.left, len(self.left)
+        if count < FEWEST_OF_NOISE:
+            return None
+        lags = [1, *(count // part for part in _LAGS)]
+        observed = np.array([np.mean((left[lag:] - left[:-lag]) ** 2) for lag in lags])
+        return bool((structure(self.noise, lags) <= _TIMES * observed).all())
+
+    def noise_at_rest(self, least: float) -> Shape:
+        """The noise of rows at 0 V that is smaller than the one under voltage; a reading has ``least`` as its variance.
+
+        It is autocorrelated as that is, in proportion to the changes over one row, where these rows are likelier so,
+        and white else.
+        """
+        if self.likelier_with_slow > 0.0:
+            changes = float(np.mean(np.diff(self.left) ** 2)) / float(structure(self.noise, [1])[0])
+            return replace(self.noise, variance=self.noise.variance * changes)
+        return Shape(Terms(), np.zeros(0), max(float(np.mean(self.left**2)), least))
+
+    @property
+    def likelier_with_slow(self) -> float:
+        """By how much the deviance (minus twice the log likelihood) of rows at 0 V is lower with what is slow in it.
+
+        That is its walk; of a noise that does not walk, its autoregression: one that is slower than these rows are long
+        is a walk by another name.
+
+        Examples
+        --------
+        >>> walk = Shape(Terms(walk=True), np.zeros(1), 1.0)
+        >>> steps = np.random.default_rng(1).standard_normal((2, 100))
+        >>> walked, still = Resting(walk, steps[0] + np.cumsum(steps[1])), Resting(walk, steps[0])
+        >>> walked.likelier_with_slow > 0.0, still.likelier_with_slow > 0.0
+        (True, False)
+        """
+        noise, left, count = self.noise, self.left, len(self.left)
+        slow = replace(noise.terms, offset=True, trend=False)
+        fast = replace(slow, walk=False) if slow.walk else Terms(offset=True)
+        if count <= CONSTANTS or not np.ptp(left) > 0.0:
+            return 0.0
+        matrix = np.column_stack([constants(np.arange(count, dtype=np.float64)), left])
+        rows = Columns(matrix, np.ones(count, dtype=np.int64))
+
+        def deviance(terms: Terms, entries: FloatArray) -> float:
+            products, logarithm = rows.products(terms, entries)
+            squares, of_offset = without(products, terms)
+            return (count - 1) * math.log(float(squares[-1, -1])) + logarithm + of_offset
+
+        entries = np.delete(noise.entries, slow.order) if slow.walk else noise.entries[:0]
+        return deviance(fast, entries) - deviance(slow, noise.entries)
 
 
-def noise_at_rest(noise: Shape, left: FloatArray, least: float) -> Shape:
-    """The noise of rows at 0 V that is smaller than what is found under voltage.
-
-    It is autocorrelated as that is, in proportion to the changes over one row, where these rows are likelier so, and
-    white else.
-
-    Parameters
-    ----------
-    noise : Shape
-        Of the rows under voltage.
-    left : float array, shape (n_resting,)
-        By ``left_at_rest``, in the unit of the noise.
-    least : float
-        Variance that a reading has at least, in the square of that unit.
-    """
-    if likelier_with_slow(noise, left) > 0.0:
-        changes = float(np.mean(np.diff(left) ** 2)) / float(structure(noise, [1])[0])
-        return replace(noise, variance=noise.variance * changes)
-    return Shape(Terms(), np.zeros(0), max(float(np.mean(left**2)), least))
-
-
-def is_shown_at_rest(noises: Iterable[tuple[Shape, FloatArray]]) -> bool | None:
+def is_shown_at_rest(each: Sequence[Resting]) -> bool | None:
     """Whether rows at 0 V show what is slow in a noise, in all runs of an output together; None where they do not say.
 
     By Bayes's criterion: the sensor of an output is the same in all its runs.
-
-    Parameters
-    ----------
-    noises : iterable of (Shape, float array of shape (n_resting,))
-        Of each run, what is left by ``left_at_rest``.
     """
-    each = [(likelier_with_slow(noise, left), len(left)) for noise, left in noises]
-    likelier, penalty = sum(one for one, _ in each), math.log(max(sum(count for _, count in each), 1))
+    likelier = sum(one.likelier_with_slow for one in each)
+    penalty = math.log(max(sum(len(one.left) for one in each), 1))
     return None if abs(likelier) <= penalty else likelier > 0.0
-
-
-def likelier_with_slow(noise: Shape, left: FloatArray) -> float:
-    """By how much the deviance (minus twice the log likelihood) of rows at 0 V is lower with what is slow in a noise.
-
-    That is its walk; of a noise that does not walk, its autoregression: one that is slower than these rows are long is
-    a walk by another name.
-
-    Parameters
-    ----------
-    noise : Shape
-    left : float array, shape (n_resting,)
-        By ``left_at_rest``, in the unit of the noise.
-
-    Examples
-    --------
-    >>> walk = Shape(Terms(walk=True), np.zeros(1), 1.0)
-    >>> steps = np.random.default_rng(1).standard_normal((2, 100))
-    >>> likelier_with_slow(walk, steps[0] + np.cumsum(steps[1])) > 0.0, likelier_with_slow(walk, steps[0]) > 0.0
-    (True, False)
-    """
-    slow = replace(noise.terms, offset=True, trend=False)
-    fast = replace(slow, walk=False) if slow.walk else Terms(offset=True)
-    count = len(left)
-    if count <= CONSTANTS or not np.ptp(left) > 0.0:
-        return 0.0
-    matrix = np.column_stack([constants(np.arange(count, dtype=np.float64)), left])
-    rows = Columns(matrix, np.ones(count, dtype=np.int64))
-
-    def deviance(terms: Terms, entries: FloatArray) -> float:
-        products, logarithm = rows.products(terms, entries)
-        squares, of_offset = without(products, terms)
-        return (count - 1) * math.log(float(squares[-1, -1])) + logarithm + of_offset
-
-    entries = np.delete(noise.entries, slow.order) if slow.walk else noise.entries[:0]
-    return deviance(fast, entries) - deviance(slow, noise.entries)
 
 
 def without_spikes(time: FloatArray, values: FloatArray, step: float) -> FloatArray:

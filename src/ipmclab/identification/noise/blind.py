@@ -64,16 +64,14 @@ def blind_outputs(
     found: dict[str, Blind] = {}
     for output in dict.fromkeys(piece.key[1] for piece in pieces):
         own = [piece for piece in pieces if piece.key[1] == output]
-        if not all(piece.allowed.offset and piece.allowed.trend for piece in own):
-            continue
-        if any(noise[piece.key].terms.drifts for piece in own):
-            continue
-        others = system.rest + sum(part for key, part in parts.items() if key[1] != output)
         if any(
-            _error_of_drift(system, piece, noise[piece.key], least, parts[piece.key][:-1, :-1]) < _UNNOTICED
+            not (piece.allowed.offset and piece.allowed.trend)
+            or noise[piece.key].terms.drifts
+            or _error_of_drift(system, piece, noise[piece.key], least, parts[piece.key][:-1, :-1]) < _UNNOTICED
             for piece in own
         ):
             continue
+        others = system.rest + sum(part for key, part in parts.items() if key[1] != output)
         most = (others + sum(system.part(piece.key, noise[piece.key].with_drift()) for piece in own))[:-1, :-1]
         sure, unsure = (_errors(system.directions, one) for one in (least, most))
         wider = float(np.max(unsure / np.maximum(sure, 1e-300), initial=1.0))

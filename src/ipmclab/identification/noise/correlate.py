@@ -17,23 +17,15 @@ from typing import Final
 
 import numpy as np
 
-from ipmclab.identification.noise.at_rest import is_at_rest_too, left_at_rest, noise_at_rest, slope_at_rest
+from ipmclab.identification.noise.at_rest import Resting, slope_at_rest
 from ipmclab.identification.noise.blind import Blind, blind_outputs
 from ipmclab.identification.noise.model_error import model_errors
-from ipmclab.identification.noise.pieces import (
-    Key,
-    Piece,
-    System,
-    choose_noise,
-    refine_noise,
-    with_constants,
-)
+from ipmclab.identification.noise.pieces import Key, Piece, System, choose_noise, refine_noise, with_constants
 from ipmclab.identification.noise.searched_outputs import searched_outputs
 from ipmclab.identification.noise.whitening import CorrelatedProblem
 from ipmclab.identification.noise.zeros import DriftingProblem, Projection, Zero
 from ipmclab.identification.problem.evaluation import Evaluation
 from ipmclab.identification.problem.problem import Problem
-from ipmclab.identification.problem.unknowns import Unknown
 from ipmclab.identification.search.solve import Solution
 from ipmclab.run import FloatArray
 from ipmclab.statespace.columns import held_constants
@@ -132,9 +124,9 @@ class Correlated:
         """What its zero and its slope add to each row of an output of a run [SI], unknowns of the fit or beside it."""
         place, output = key
         unknowns = np.zeros(len(self.problem.record_at(place).run.time))
-        return self.problem.with_sensor(place, output, self.solution.theta, unknowns) + self._beside(key)
+        return self.problem.with_sensor(place, output, self.solution.theta, unknowns) + self.beside(key)
 
-    def _beside(self, key: Key) -> FloatArray:
+    def beside(self, key: Key) -> FloatArray:
         """What a zero and a slope that stand beside the unknowns add to each row [SI]."""
         offset, drift = self._constants.get(key, (0.0, 0.0))
         time = self.problem.record_at(key[0]).run.time
@@ -155,13 +147,13 @@ class Correlated:
         residual = self.plain.residual[self.problem.pieces[key]]
         if key not in self._constants:
             return residual
-        added = self._beside(key)[self.problem.record_at(key[0]).readings[key[1]].used]
+        added = self.beside(key)[self.problem.record_at(key[0]).readings[key[1]].used]
         return np.asarray(residual + np.where(self.pieces[key].inside, added / self.problem.noise[key], 0.0))
 
-    def left_at_rest(self, key: Key) -> FloatArray:
-        """The same of the readings at 0 V alone, contacts that were touched aside."""
+    def resting(self, key: Key) -> Resting:
+        """The noise of one output of one run, and the same of the readings at 0 V alone."""
         rows = self.left(key)[self.pieces[key].inside]
-        return left_at_rest(self.problem.record_at(key[0]), key[1], rows, self.problem.noise[key])
+        return Resting.of(self.problem.record_at(key[0]), key[1], self.shapes[key], rows, self.problem.noise[key])
 
     @cached_property
     def whitenings(self) -> dict[Key, Whitening]:
@@ -176,7 +168,7 @@ class Correlated:
         rows = self.plain.rows.copy()
         for key in self.zeros:
             rows[-1, self.problem.pieces[key]] = self.left(key)
-        return self._white_problem.whiten(Evaluation(rows, self.plain.beforehand))
+        return self._white_problem.changed(Evaluation(rows, self.plain.beforehand))
 
     @cached_property
     def _white_problem(self) -> CorrelatedProblem:
@@ -227,10 +219,10 @@ class Correlated:
         What a model lacks begins with the voltage; a strip at rest draws nothing, whatever it is.
         """
         found = {}
-        for key, shape in self.shapes.items():
-            resting = self.left_at_rest(key)
-            if is_at_rest_too(shape, resting) is False:
-                found[key] = len(resting), noise_at_rest(shape, resting, self.problem.floors[key] ** 2)
+        for key in self.shapes:
+            resting = self.resting(key)
+            if resting.is_at_rest_too is False:
+                found[key] = len(resting.left), resting.noise_at_rest(self.problem.floors[key] ** 2)
         return found
 
     def _noise_of(self, columns: FloatArray, key: Key) -> FloatArray:
@@ -372,14 +364,11 @@ def _zero_of(problem: Problem, piece: Piece, shape: Shape) -> Zero | None:
 
 def _without(problem: Problem, solution: Solution, yielding: Sequence[int], keys: Set[Key]) -> tuple[Problem, Solution]:
     """The problem without zeros and slopes that are now asked of the noise."""
-    gone = [column for column in yielding if _belongs(problem.unknowns[column], keys)]
+    of = problem.unknowns
+    gone = [column for column in yielding if (of[column].place, of[column].base.rsplit(".", 1)[1]) in keys]
     if not gone:
         return problem, solution
     fewer = problem.without(gone, {})
     theta = np.delete(solution.theta, gone)
     here = replace(solution, theta=theta, evaluation=fewer.evaluate(theta), evaluations=solution.evaluations + 1)
     return fewer, here
-
-
-def _belongs(unknown: Unknown, keys: Set[Key]) -> bool:
-    return (unknown.place, unknown.base.rsplit(".", 1)[1]) in keys

@@ -40,9 +40,7 @@ def hum_in(correlated: Correlated, key: Key) -> Hum | None:
     """
     problem, piece = correlated.problem, correlated.problem.pieces[key]
     record = problem.record_at(key[0])
-    reading = record.readings[key[1]]
-    inside = record.readings[key[1]].exact_of_used
-    rows = np.flatnonzero(reading.used)[inside]
+    inside, rows = record.readings[key[1]].exact_of_used, np.flatnonzero(record.readings[key[1]].exact)
     time = record.run.time[rows]
     if len(rows) < _FEWEST or np.ptp(np.diff(time)) > 1e-3 * float(time[1] - time[0]):
         return None
@@ -55,7 +53,8 @@ def hum_in(correlated: Correlated, key: Key) -> Hum | None:
     frequency = _frequency(left, peak, time)
     if _is_of_the_drive(record.run.voltage[rows], peak, frequency, time):
         return None
-    first, second = (_amplitude(each, frequency, time) for each, time in _halves(left, time))
+    middle = len(left) // 2
+    first, second = (_amplitude(left[h], frequency, time[h]) for h in (slice(middle), slice(middle, None)))
     if not 1.0 / _UNEVEN < first / max(second, 1e-300) < _UNEVEN:
         return None
     return Hum(frequency, 0.5 * (first + second))
@@ -81,11 +80,6 @@ def _frequency(values: FloatArray, line: int, time: FloatArray) -> float:
 
 def _spectrum(values: FloatArray) -> FloatArray:
     return np.asarray(np.abs(np.fft.rfft(values - values.mean())) ** 2)
-
-
-def _halves(values: FloatArray, time: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
-    middle = len(values) // 2
-    return [(values[:middle], time[:middle]), (values[middle:], time[middle:])]
 
 
 def _amplitude(values: FloatArray, frequency: float, time: FloatArray) -> float:

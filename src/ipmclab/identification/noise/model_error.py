@@ -8,13 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from ipmclab.identification.noise.at_rest import (
-    FEWEST_OF_NOISE,
-    is_at_rest_too,
-    is_shown_at_rest,
-    left_at_rest,
-    slope_at_rest,
-)
+from ipmclab.identification.noise.at_rest import FEWEST_OF_NOISE, Resting, is_shown_at_rest, slope_at_rest
 from ipmclab.identification.noise.pieces import Key, Piece
 from ipmclab.identification.problem.evaluation import Evaluation
 from ipmclab.identification.problem.problem import Problem
@@ -39,27 +33,20 @@ def model_errors(
     shapes : mapping of (place, output) to Shape
         The noise.
     """
-    left = {
-        piece.key: left_at_rest(
-            problem.record_at(piece.key[0]),
-            piece.key[1],
-            here.residual[problem.pieces[piece.key]][piece.inside],
-            problem.noise[piece.key],
-        )
-        for piece in pieces
-        if piece.key[1] == "current"
-    }
-    walks = is_shown_at_rest([(shapes[key], rows) for key, rows in left.items() if shapes[key].terms.walk])
+    currents = {piece.key: piece for piece in pieces if piece.key[1] == "current"}
+    resting = {}
+    for key, piece in currents.items():
+        left = here.residual[problem.pieces[key]][piece.inside]
+        resting[key] = Resting.of(problem.record_at(key[0]), key[1], shapes[key], left, problem.noise[key])
+    walks = is_shown_at_rest([one for one in resting.values() if one.noise.terms.walk])
     found = {}
-    for piece in pieces:
-        key, own = piece.key, piece.allowed
-        if key not in left:
-            continue
-        shape, rows, trend, walk = shapes[key], left[key], own.trend, own.walk
-        if shape.terms.trend and is_at_rest_too(shape, rows) is False:
+    for key, piece in currents.items():
+        shape, own = shapes[key], piece.allowed
+        trend, walk = own.trend, own.walk
+        if shape.terms.trend and resting[key].is_at_rest_too is False:
             rest = slope_at_rest(problem.record_at(key[0]), key[1], shape, problem.noise[key])
             trend = trend and rest.is_shown
-        if shape.terms.walk and len(rows) >= FEWEST_OF_NOISE:
+        if shape.terms.walk and len(resting[key].left) >= FEWEST_OF_NOISE:
             walk = walk and bool(walks)
         if (trend, walk) != (own.trend, own.walk):
             found[key] = own._replace(trend=trend, walk=walk)

@@ -75,10 +75,9 @@ def without_unseen(under: Correlated) -> tuple[tuple[Unseen, ...], Problem, Solu
         if worst is None:
             return tuple(found), problem, solution
         chance, name, smaller, there = worst
-        columns, sizes = stages[name]
-        off = dict.fromkeys((problem.unknowns[column].base for column in sizes), 0.0)
-        off = {problem.unknowns[column].base: smaller.base[problem.unknowns[column].base] for column in columns} | off
-        found.append(_unseen(name, [problem.unknowns[column] for column in columns], off, chance))
+        gone = [problem.unknowns[column] for column in stages[name][0]]
+        off = {unknown.base: smaller.base[unknown.base] for unknown in gone}
+        found.append(_unseen(name, gone, off, chance))
         problem, solution = smaller, there
 
 

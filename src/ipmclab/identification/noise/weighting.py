@@ -19,20 +19,20 @@ from typing import Final
 import numpy as np
 
 from ipmclab.confidence import REJECT
-from ipmclab.identification.noise.at_rest import is_at_rest_too, is_shown_at_rest
+from ipmclab.identification.noise.at_rest import is_shown_at_rest
 from ipmclab.identification.noise.correlate import Again, Correlated
 from ipmclab.identification.noise.pieces import Key, System, refine_noise
 from ipmclab.identification.noise.whitening import CorrelatedProblem
 from ipmclab.identification.problem.evaluation import Evaluation
+from ipmclab.identification.search.descent import minimum_from
 from ipmclab.identification.search.settled import settled
-from ipmclab.run import FloatArray
 
 _TURNS: Final = 4  # of noise and parameters
 _STILL: Final = 0.1  # of a standard error, by which the parameters still move
 _AS_GOOD: Final = 1.1  # times what least squares leaves (rms), as of a prediction; walks of a laser reach 1.09
 
 
-def weighted(least: Correlated, everywhere: Again, nearby: Again) -> tuple[Correlated, Correlated | None]:
+def weighted(least: Correlated, everywhere: Again) -> tuple[Correlated, Correlated | None]:
     """The fit under its noise, where that predicts as well as least squares; and the other one where nobody can tell.
 
     Parameters
@@ -41,8 +41,6 @@ def weighted(least: Correlated, everywhere: Again, nearby: Again) -> tuple[Corre
         Of least squares.
     everywhere : function of (Problem, Solution)
         The minimum of a problem, from near it and from elsewhere.
-    nearby : function of (Problem, Solution)
-        The same from near it alone.
 
     Returns
     -------
@@ -53,7 +51,7 @@ def weighted(least: Correlated, everywhere: Again, nearby: Again) -> tuple[Corre
     coloured = [key for key, shape in least.shapes.items() if shape.terms.order or shape.terms.walk]
     if not coloured or _are_at_rest_too(least, coloured) is False:
         return least, None
-    here = _fitted(least, everywhere, nearby)
+    here = _fitted(least, everywhere)
     shown = _are_at_rest_too(here, coloured)
     if shown is False:
         return least, None
@@ -64,16 +62,17 @@ def weighted(least: Correlated, everywhere: Again, nearby: Again) -> tuple[Corre
     return (here, None) if shown and as_good else (least, here)
 
 
-def _fitted(least: Correlated, everywhere: Again, nearby: Again) -> Correlated:
+def _fitted(least: Correlated, everywhere: Again) -> Correlated:
     """Noise and parameters by turns, until both stay; all minima are asked under the first noise."""
     here, shapes = least, dict(least.shapes)
     pieces = {key: piece for key, piece in least.pieces.items() if key in shapes}
     for turn in range(_TURNS):
         whitenings = {key: piece.whitening(shapes[key]) for key, piece in pieces.items()}
         problem = CorrelatedProblem(here.problem.plain, whitenings)
-        search = nearby if turn else everywhere
-        solution = search(problem, replace(here.solution, evaluation=problem.whiten(here.plain)))[1]
-        moved = _length(solution.evaluation, solution.theta - here.solution.theta)
+        near = replace(here.solution, evaluation=problem.changed(here.plain))
+        solution = minimum_from(problem, near) if turn else everywhere(problem, near)[1]
+        # In standard errors.
+        moved = np.linalg.norm(solution.evaluation.triangle[:, :-1] @ (solution.theta - here.solution.theta))
         here = replace(here, problem=problem, solution=solution, plain=problem.plain.evaluate(solution.theta))
         if (turn and moved < _STILL) or turn == _TURNS - 1:
             break
@@ -91,14 +90,10 @@ def _is_same_strip(least: Correlated, there: Evaluation) -> bool:
     return lost <= float(chdtri(len(there.rows) - 1, REJECT)) * times
 
 
-def _is_at_rest_too(under: Correlated, key: Key) -> bool | None:
-    return is_at_rest_too(under.shapes[key], under.left_at_rest(key))
-
-
 def _are_at_rest_too(under: Correlated, coloured: Sequence[Key]) -> bool | None:
     """Whether the rows at 0 V have these noises; None where they do not say so."""
-    noises = {key: (under.shapes[key], under.left_at_rest(key)) for key in coloured}
-    sized = {key: is_at_rest_too(*noise) for key, noise in noises.items()}
+    noises = {key: under.resting(key) for key in coloured}
+    sized = {key: noise.is_at_rest_too for key, noise in noises.items()}
     answers: list[bool | None] = list(sized.values())
     shown = [key for key, one in sized.items() if one]
     for output in {output for _, output in shown}:
@@ -111,16 +106,11 @@ def at_rest_and_driven(under: Correlated, key: Key) -> tuple[float, float] | Non
 
     None where the noise under voltage is as it is at 0 V, or few rows are there. A converter hides up to its step.
     """
-    if _is_at_rest_too(under, key) is not False:
+    noise = under.resting(key)
+    if noise.is_at_rest_too is not False:
         return None
-    resting = under.left_at_rest(key)
-    driven = under.left(key)[under.pieces[key].inside][len(resting) :]
+    driven = under.left(key)[under.pieces[key].inside][len(noise.left) :]
     unit = under.problem.noise[key]
     step = under.problem.record_at(key[0]).readings[key[1]].quantum
-    at_rest = max(unit * float(np.std(resting)), step / math.sqrt(12.0))
+    at_rest = max(unit * float(np.std(noise.left)), step / math.sqrt(12.0))
     return at_rest, unit * float(np.sqrt(np.mean(driven**2)))
-
-
-def _length(here: Evaluation, step: FloatArray) -> float:
-    """Of a step, in standard errors."""
-    return float(np.linalg.norm(here.triangle[:, :-1] @ step))

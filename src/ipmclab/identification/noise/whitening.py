@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property
 
+from ipmclab.identification.noise.pieces import Key
 from ipmclab.identification.problem.evaluation import Evaluation
 from ipmclab.identification.problem.problem import Noise, Problem
 from ipmclab.run import FloatArray
@@ -12,11 +13,11 @@ from ipmclab.statespace.whitening import Whitening
 
 
 class Changed(Problem):
-    """A problem with the readings and unknowns of a plain one, the rows of each output of each run changed."""
+    """A problem with the readings and unknowns of a plain one, the rows of some outputs of some runs changed."""
 
-    def __init__(self, plain: Problem) -> None:
+    def __init__(self, plain: Problem, keys: Iterable[Key]) -> None:
         super().__init__(plain.base, plain.records, plain.unknowns, plain.responder, plain.noise)
-        self._plain = plain
+        self._plain, self._keys = plain, tuple(keys)
 
     @property
     def plain(self) -> Problem:
@@ -27,11 +28,22 @@ class Changed(Problem):
         """The problem with fewer unknowns, changed alike, and other values of what is no longer free."""
         return self.on(self.plain.without(columns, values))
 
+    def evaluate(self, theta: FloatArray) -> Evaluation:
+        """Changed residuals and Jacobian."""
+        return self.changed(super().evaluate(theta))
+
+    def changed(self, here: Evaluation) -> Evaluation:
+        """An evaluation of the plain problem as one of this."""
+        rows = here.rows.copy()
+        for key in self._keys:
+            rows[:, self.pieces[key]] = self.whitened(key, rows[:, self.pieces[key]])
+        return Evaluation(rows, here.beforehand)
+
     def fixed_jacobian(self, theta: FloatArray, names: Sequence[str]) -> FloatArray:
         """Changed derivatives of the residuals with respect to fixed parameters [per SI unit]."""
         found = super().fixed_jacobian(theta, names)
-        for key, piece in self.pieces.items():
-            found[piece] = self.whitened(key, found[piece].T).T
+        for key in self._keys:
+            found[self.pieces[key]] = self.whitened(key, found[self.pieces[key]].T).T
         return found
 
 
@@ -45,8 +57,8 @@ class CorrelatedProblem(Changed):
         In units of the problem's ``noise``; an output without one has white noise.
     """
 
-    def __init__(self, plain: Problem, whitenings: Mapping[tuple[int, str], Whitening]) -> None:
-        super().__init__(plain)
+    def __init__(self, plain: Problem, whitenings: Mapping[Key, Whitening]) -> None:
+        super().__init__(plain, whitenings)
         self.whitenings = dict(whitenings)
 
     @cached_property
@@ -62,18 +74,7 @@ class CorrelatedProblem(Changed):
         """The problem with other weights, and white."""
         return self.plain.with_noise(noise)
 
-    def evaluate(self, theta: FloatArray) -> Evaluation:
-        """Whitened residuals and Jacobian."""
-        return self.whiten(super().evaluate(theta))
-
-    def whiten(self, here: Evaluation) -> Evaluation:
-        """An evaluation of the plain problem, whitened."""
-        rows = here.rows.copy()
-        for key in self.whitenings:
-            rows[:, self.pieces[key]] = self.whitened(key, rows[:, self.pieces[key]])
-        return Evaluation(rows, here.beforehand)
-
-    def whitened(self, key: tuple[int, str], rows: FloatArray) -> FloatArray:
+    def whitened(self, key: Key, rows: FloatArray) -> FloatArray:
         """Rows of one output of one run, whitened where its noise is not white."""
         whitening = self.whitenings.get(key)
         return rows if whitening is None else whitening.apply(rows)

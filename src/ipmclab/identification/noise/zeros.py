@@ -19,7 +19,8 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.identification.noise.at_rest import SlopeAtRest, slope_at_rest, slope_inflation
+from ipmclab.identification.noise.at_rest import NO_SLOPE, SlopeAtRest, slope_at_rest, slope_inflation
+from ipmclab.identification.noise.pieces import Key
 from ipmclab.identification.noise.whitening import Changed
 from ipmclab.identification.problem.evaluation import Evaluation
 from ipmclab.identification.problem.problem import Noise, Problem
@@ -28,8 +29,6 @@ from ipmclab.run import FloatArray
 from ipmclab.statespace.columns import held_constants
 from ipmclab.statespace.shape import Shape
 from ipmclab.statespace.terms import Terms
-
-Key = tuple[int, str]
 
 LARGEST_ZERO: Final = 0.01
 """Of the largest current: a larger zero is seen by who looks at the readings."""
@@ -74,8 +73,7 @@ class Zero:
         time = record.times_of(output)
         columns, origin = held_constants(time, terms)
         half = 0.5 * float(time[-1] - time[0])
-        nothing = SlopeAtRest(0.0, math.inf, np.zeros(0))
-        rest = slope_at_rest(record, output, noise, unit) if terms.trend else nothing
+        rest = slope_at_rest(record, output, noise, unit) if terms.trend else NO_SLOPE
         most = math.inf
         if output == "current" and record.zero_is_unseen:
             # A zero that no row at 0 V shows looks like the dc path, and a drift like a slow branch.
@@ -116,10 +114,9 @@ class Projection:
 
     Parameters
     ----------
-    basis : float array, shape (n_measured, n_constants)
-        Orthonormal.
-    kept : float array, shape (n_constants,)
-        The part of each that stays in the rows: none of what nothing is known of.
+    basis, taken : float array, shape (n_measured, n_constants)
+        Orthonormal columns Q, and Q times the part of each that goes, all of what nothing is known of: T r is r less
+        the second times Q'r.
     answer : float array, shape (n_constants, n_measured)
         From a residual to the best constants about their centre.
     centre : float array, shape (n_constants,)
@@ -135,7 +132,7 @@ class Projection:
     """
 
     basis: FloatArray
-    kept: FloatArray
+    taken: FloatArray
     answer: FloatArray
     centre: FloatArray
     expected: FloatArray
@@ -150,20 +147,9 @@ class Projection:
         inner = np.linalg.inv(columns.T @ columns + np.diag(precision))
         orthonormal, triangle = np.linalg.qr(columns)
         share, turn = np.linalg.eigh(triangle @ inner @ triangle.T)
-        return cls(
-            orthonormal @ turn,
-            np.sqrt(np.clip(1.0 - share, 0.0, 1.0)),
-            inner @ columns.T,
-            centre,
-            columns @ centre,
-            columns,
-            known,
-            by_rows,
-        )
-
-    def apply(self, rows: FloatArray) -> FloatArray:
-        """T times the columns of ``rows``, shape (n_measured, n)."""
-        return np.asarray(rows - (self.basis * (1.0 - self.kept)) @ (self.basis.T @ rows))
+        basis = orthonormal @ turn
+        taken = basis * (1.0 - np.sqrt(np.clip(1.0 - share, 0.0, 1.0)))
+        return cls(basis, taken, inner @ columns.T, centre, columns @ centre, columns, known, by_rows)
 
 
 class DriftingProblem(Changed):
@@ -176,7 +162,7 @@ class DriftingProblem(Changed):
     """
 
     def __init__(self, plain: Problem, zeros: Mapping[Key, Zero]) -> None:
-        super().__init__(plain)
+        super().__init__(plain, zeros)
         self.zeros = dict(zeros)
         self.projections = {key: zero.projection(self.noise[key]) for key, zero in self.zeros.items()}
 
@@ -202,33 +188,26 @@ class DriftingProblem(Changed):
         """An evaluation as it is under other weights: what is known of a slope weighs anew too."""
         return self.with_noise(noise).evaluate(theta)
 
-    def evaluate(self, theta: FloatArray) -> Evaluation:
-        """Residuals and Jacobian, the best zeros and slopes taken out."""
-        return self.zeros_taken_out(super().evaluate(theta))
-
-    def zeros_taken_out(self, here: Evaluation) -> Evaluation:
+    def changed(self, here: Evaluation) -> Evaluation:
         """An evaluation of the plain problem, the best zeros and slopes taken out."""
         rows = here.rows.copy()
-        for key, piece in self.pieces.items():
-            if key in self.zeros:
-                inside = self.zeros[key].inside
-                # The residual is model less reading: what the sensor is expected to add is not the model's.
-                own = rows[:, piece][:, inside]
-                own[-1] += self.projections[key].expected
-                rows[:, np.arange(piece.start, piece.stop)[inside]] = self.projections[key].apply(own.T).T
+        for key, zero in self.zeros.items():
+            own = rows[:, self.pieces[key]]
+            # The residual is model less reading: what the sensor is expected to add is not the model's.
+            own[-1, zero.inside] += self.projections[key].expected
+            own[:] = self.whitened(key, own)
         return Evaluation(rows, here.beforehand)
 
     def whitened(self, key: Key, rows: FloatArray) -> FloatArray:
         """Rows of one output of one run, zero and slope taken out."""
         if key not in self.zeros:
             return rows
-        found = rows.copy()
-        inside = self.zeros[key].inside
-        found[:, inside] = self.projections[key].apply(found[:, inside].T).T
+        found, inside = rows.copy(), self.zeros[key].inside
+        projection, own = self.projections[key], found[:, inside].T
+        found[:, inside] = (own - projection.taken @ (projection.basis.T @ own)).T
         return found
 
     def constants(self, key: Key, plain: FloatArray) -> FloatArray:
-        """The best zero, where the slope adds nothing, and slope over half of the readings; for a residual in its units."""
+        """The best zero, where the slope adds nothing, and slope over half of the readings, of a plain residual."""
         zero, projection = self.zeros[key], self.projections[key]
-        away = -(plain[zero.inside] + projection.expected)
-        return np.asarray(projection.centre + projection.answer @ away)
+        return np.asarray(projection.centre - projection.answer @ (plain[zero.inside] + projection.expected))

@@ -9,7 +9,8 @@ from typing import Final, Protocol
 import numpy as np
 import numpy.typing as npt
 
-FloatArray = npt.NDArray[np.float64]
+from ipmclab.run import FloatArray
+
 Mask = npt.NDArray[np.bool_]
 
 INDEPENDENT: Final = 1e-3  # part of a scaled column that the ones before it do not imitate

@@ -8,15 +8,13 @@ from dataclasses import dataclass, field, replace
 from typing import Final
 
 from ipmclab.errors import InputError, suggest
+from ipmclab.identification.problem.record import READ_OUTPUTS
 from ipmclab.model.declared import in_group
 from ipmclab.model.environment.age import AGE, Age, check_age
 from ipmclab.model.environment.hydration import HYDRATION, PERCOLATION, REFERENCE_CONTENT, REFERENCE_TEMPERATURE, SITES
 from ipmclab.model.kinds import groups, kinds, stage_groups
 
-OBSERVATION_OUTPUTS: Final = ("current", "displacement", "force")
-OBSERVATION_NAMES: Final = tuple(
-    f"observation.{what}.{output}" for what in ("offset", "drift") for output in OBSERVATION_OUTPUTS
-)
+OBSERVATION_NAMES: Final = tuple(f"observation.{what}.{one}" for what in ("offset", "drift") for one in READ_OUTPUTS)
 """What a run's observation can have freed by name; its delay and its start are decided from the data."""
 
 _PLACE = re.compile(r"\[\d+\]$")
@@ -219,66 +217,38 @@ def names_of(known: Iterable[str], given: str | Iterable[str], where: str) -> se
             name = word.strip()
             if not name:
                 continue
-            group = _group(name, names)
-            if group is not None and not group and name in stage_groups():
-                raise InputError(
-                    f"this actuator has no {name}",
-                    code="unknown-parameter",
-                    where=where,
-                    repair=f"add the stage to its name, such as friend-2+{_example_of(name)}",
-                )
-            if group is not None:
-                found.update(group)
-            elif name in names or name in OBSERVATION_NAMES:
-                found.add(name)
-            elif name.startswith(AGE):
+            own = in_group(name, names)
+            if own or (name in groups() and name not in stage_groups()):
+                found.update(own)
+                continue
+            if name not in names and name not in OBSERVATION_NAMES:
+                if not name.startswith(AGE):
+                    message, repair = _why_unknown(name, names)
+                    raise InputError(message, code="unknown-parameter", where=where, repair=repair)
                 check_age(name, names, where=where)
-                found.add(name)
-            elif _of_sensors(name):
-                of_these = [known for known in OBSERVATION_NAMES if f".{_of_sensors(name)}." in known]
-                raise InputError(
-                    f"{name!r} does not say of which sensor",
-                    code="unknown-parameter",
-                    where=where,
-                    repair=f"give {', '.join(map(repr, of_these[:-1]))} or {of_these[-1]!r}",
-                )
-            elif name.startswith("observation."):
-                raise InputError(
-                    f"{name!r} cannot be freed by name",
-                    code="unknown-parameter",
-                    where=where,
-                    repair=suggest(name, OBSERVATION_NAMES)
-                    + "; the delay of a run with unknown hold and the state at its start are found without being named",
-                )
-            elif _PLACE.search(name) and _PLACE.sub("", name) in names:
-                raise InputError(
-                    f"{name!r} names one run",
-                    code="unknown-parameter",
-                    where=where,
-                    repair=f"give {_PLACE.sub('', name)!r} as per_run: each run then has its own",
-                )
-            else:
-                raise InputError(
-                    f"no parameter or group is called {name!r}",
-                    code="unknown-parameter",
-                    where=where,
-                    repair=suggest(name, [*(each for each in groups() if _group(each, names)), *names]),
-                )
+            found.add(name)
     return found
 
 
-def _group(name: str, names: Sequence[str]) -> list[str] | None:
-    """The parameters of a group; None where it is none."""
-    return in_group(name, names) if name in groups() else None
+def _why_unknown(name: str, names: Sequence[str]) -> tuple[str, str]:
+    """Why a name stands for nothing that can be free, and what to give in its place."""
+    without_sensor = name.removeprefix("observation.").removesuffix("s")
+    without_place = _PLACE.sub("", name)
+    if name in stage_groups():
+        return f"this actuator has no {name}", f"add the stage to its name, such as friend-2+{_example_of(name)}"
+    if without_sensor in ("offset", "drift"):
+        *others, last = [repr(known) for known in OBSERVATION_NAMES if f".{without_sensor}." in known]
+        return f"{name!r} does not say of which sensor", f"give {', '.join(others)} or {last}"
+    if name.startswith("observation."):
+        found = "the delay of a run with unknown hold and the state at its start are found without being named"
+        return f"{name!r} cannot be freed by name", f"{suggest(name, OBSERVATION_NAMES)}; {found}"
+    if without_place != name and without_place in names:
+        return f"{name!r} names one run", f"give {without_place!r} as per_run: each run then has its own"
+    every = [*(group for group in groups() if in_group(group, names)), *names]
+    return f"no parameter or group is called {name!r}", suggest(name, every)
 
 
 def _example_of(group: str) -> str:
     """A stage that adds a group to an actuator."""
     stages = [kind for kind in kinds() if kind.group == group]
     return next((kind.name for kind in stages if kind.example), stages[0].name)
-
-
-def _of_sensors(name: str) -> str:
-    """Which of offset and drift is meant by a name that leaves out the sensor; empty for other names."""
-    what = name.removeprefix("observation.").removesuffix("s")
-    return what if what in ("offset", "drift") else ""

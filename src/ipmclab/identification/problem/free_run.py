@@ -6,15 +6,13 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 
 from ipmclab.errors import IpmclabError
 from ipmclab.identification.problem.record import LONGEST_DELAY, PreparedRun, model_hold, rest_rows
 from ipmclab.model import Actuator
 from ipmclab.model.outputs import simulate_outputs
 from ipmclab.model.stages.circuit import CONTACT
-
-FloatArray = npt.NDArray[np.float64]
+from ipmclab.run import FloatArray
 
 _FEWEST_AT_REST: Final = 5  # readings, whose mean and scatter say whether a sensor reads zero
 _SURELY: Final = 3.0  # standard errors of a mean reading

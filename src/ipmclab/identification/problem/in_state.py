@@ -15,9 +15,8 @@ from ipmclab.model.environment import WaterState
 from ipmclab.model.environment import in_state as moved_by_laws
 from ipmclab.model.environment.age import AGE, Age, grown
 from ipmclab.model.environment.laws import is_of_environment
+from ipmclab.run import FloatArray
 from ipmclab.strip_state.run_state import RunState
-
-FloatArray = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

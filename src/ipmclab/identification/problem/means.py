@@ -16,9 +16,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.identification.problem.record import PreparedRun, Reading
-from ipmclab.run import Run
+from ipmclab.run import FloatArray, Run
 
-FloatArray = npt.NDArray[np.float64]
 Rows = npt.NDArray[np.intp]
 
 LONG: Final = 5_000

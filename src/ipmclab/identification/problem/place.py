@@ -5,15 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-import numpy as np
-import numpy.typing as npt
-
 from ipmclab.identification.problem.record import PreparedRun
 from ipmclab.identification.problem.unknowns import Unknown
 from ipmclab.model.environment.age import AGE
+from ipmclab.run import FloatArray
 from ipmclab.strip_state.run_state import RunState
-
-FloatArray = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

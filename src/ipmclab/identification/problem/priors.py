@@ -156,9 +156,9 @@ def prior_findings(actuator: Actuator, priors: Mapping[str, Prior], fit: Fit, al
         before = shown(*one.prior) + (", as the literature has it," if prior.of_literature else "")
         own = shown(free.value, free.standard_error) if free is not None and free.determined else ""
         if free is None or prior.follows:
-            sigmas = _moved(one.prior, (one.value, one.standard_error), log=log)
+            sigmas = _apart(one.prior, (one.value, one.standard_error), log=log, moved=True)
         else:
-            sigmas = _distance(one.prior, (free.value, free.standard_error), log=log) if own else 0.0
+            sigmas = _apart(one.prior, (free.value, free.standard_error), log=log, moved=False) if own else 0.0
         left = one.standard_error / one.prior[1] * (one.prior[0] / one.value if log else 1.0)
         values = {"deviations": sigmas, "error_left": left}
         after = shown(one.value, one.standard_error)
@@ -187,24 +187,17 @@ def prior_findings(actuator: Actuator, priors: Mapping[str, Prior], fit: Fit, al
     return (*found, *_seen_before(actuator, fit))
 
 
-def _distance(one: tuple[float, float], other: tuple[float, float], *, log: bool) -> float:
-    """Distance of two values in their common standard deviation."""
-    (a, a_error), (b, b_error) = one, other
-    if log:
-        return abs(math.log(b / a)) / math.hypot(a_error / a, b_error / b)
-    return abs(b - a) / math.hypot(a_error, b_error)
-
-
-def _moved(before: tuple[float, float], after: tuple[float, float], *, log: bool) -> float:
-    """How far an estimate moved from its prior, in the deviations by which it should: the two variances' difference.
+def _apart(before: tuple[float, float], after: tuple[float, float], *, log: bool, moved: bool) -> float:
+    """Distance of two values in their common standard deviation; of one that ``moved``, by which it should.
 
     An estimate that uses all that its prior says differs from it by as much as its variance is smaller (Hausman,
-    Econometrica 46, 1251, 1978).
+    Econometrica 46, 1251, 1978): that is the two variances' difference.
     """
     (a, a_error), (b, b_error) = before, after
-    away, deviations = (math.log(b / a), (a_error / a, b_error / b)) if log else (b - a, (a_error, b_error))
-    wider = max(deviations[0] ** 2 - deviations[1] ** 2, (_LEAST_MOVED * deviations[0]) ** 2)
-    return abs(away) / math.sqrt(wider)
+    away, (first, last) = (math.log(b / a), (a_error / a, b_error / b)) if log else (b - a, (a_error, b_error))
+    if moved:
+        return abs(away) / math.sqrt(max(first**2 - last**2, (_LEAST_MOVED * first) ** 2))
+    return abs(away) / math.hypot(first, last)
 
 
 def _seen_before(actuator: Actuator, fit: Fit) -> tuple[Finding, ...]:

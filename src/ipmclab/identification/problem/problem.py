@@ -21,9 +21,9 @@ from ipmclab.model.declared import is_proportional
 from ipmclab.model.environment import sorption
 from ipmclab.model.sensitivity import Sensitivities, widened
 from ipmclab.progress import tick
+from ipmclab.run import FloatArray
 from ipmclab.strip_state.run_state import RunState
 
-FloatArray = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 Noise = Mapping[tuple[int, str], float]
 
@@ -207,14 +207,7 @@ class Problem:
         return None
 
     def _moved(self, theta: FloatArray, place: int) -> tuple[dict[str, float], Sequence[str], FloatArray]:
-        """The parameters of one run, those that move, and their derivatives by the entries of the vector.
-
-        Returns
-        -------
-        values : dict of name to float [SI]
-        names : sequence of str
-        chains : float array, shape (n_unknown, n_names)
-        """
+        """The parameters of one run [SI], those that move, and their derivatives by the entries of the vector."""
         own = self.places[place]
         if own.state is None:
             values = self.in_reference(theta, place)

@@ -23,10 +23,9 @@ from ipmclab.model.simulate import series_shunt
 from ipmclab.quality import censored, usable
 from ipmclab.quality.noise import noise_of_readings, quantum_of
 from ipmclab.quality.record import Channel
-from ipmclab.run import Finding, Hold, Run
+from ipmclab.run import Finding, FloatArray, Hold, Run
 from ipmclab.strip_state.run_state import RunState
 
-FloatArray = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 _Kept = TypeVar("_Kept")
 
@@ -135,21 +134,21 @@ class PreparedRun:
         Where the strip is known to be at rest they show the sensor alone: the zero of a current and the slope of a
         force or a motion are held to them. Where the strip may move in them a sensor drifts by no more than is seen.
         """
-        rest = self.shown.get((what, output))
+        rest, anywhere = self.shown.get((what, output)), (-math.inf, math.inf)
         if rest is not None and self.start in ("free", ASSUMED_REST, UNASKED_REST):
-            return rest.at_most if what == "drift" else (-math.inf, math.inf)
+            return rest.at_most if what == "drift" else anywhere
         if rest is None or (what == "offset") != (output == "current"):
-            return -math.inf, math.inf
+            return anywhere
         reading, voltage = self.readings[output], np.abs(self.run.voltage)
         rows = np.flatnonzero(reading.exact[: max(self.resting - LONGEST_DELAY, 0)])
         if len(rows) < _SHOWS_ZERO:
-            return -math.inf, math.inf
+            return anywhere
         largest = float(np.ptp(reading.measured))
         driven = largest * float(voltage[rows].max()) / float(voltage.max())
         least, most = rest.about(what, self.run.time[rows], reading.values[rows], reading.quantum, driven)
         duration = 1.0 if what == "offset" else float(self.run.time[-1] - self.run.time[0])
         # What is known to rounding needs no holding.
-        return (least, most) if (most - least) * duration > _EXACT * largest else (-math.inf, math.inf)
+        return (least, most) if (most - least) * duration > _EXACT * largest else anywhere
 
     def keep(self, key: Hashable, make: Callable[[], _Kept]) -> _Kept:
         """What a computation works out of this record once, under a key of its own."""
@@ -247,9 +246,8 @@ def prepare(
         # Where the check saw the same readings, it has told their noise.
         known = checked.noise if checked is not None and checked.missing is None and exact.all() else None
         readings[output] = Reading(np.where(used, values, 0.0), used, side, _noise(values[exact], known))
-    unsettled = {("offset", output) for output in readings if output != "current"}
-    if run.metadata.origin == "simulated":
-        unsettled = set()
+    is_simulated = run.metadata.origin == "simulated"
+    unsettled = set() if is_simulated else {("offset", output) for output in readings if output != "current"}
     shown = {
         (BEFORE_STEP[finding.code], str(finding.channel)): AtRest.of(finding)
         for finding in findings
@@ -316,6 +314,12 @@ def rest_rows(run: Run) -> int:
     return int(moved[0]) if len(moved) else len(run)
 
 
+def fastest_rate(records: Iterable[PreparedRun]) -> float:
+    """The highest Nyquist rate [1/s] of the records that show motion; 0 where none does."""
+    moving = (record.run.rate for record in records if {"force", "displacement"} & set(record.readings))
+    return float(np.pi * max(moving, default=0.0))
+
+
 def as_read(record: PreparedRun, held: Mask | None = None) -> Run:
     """The run as a fit sees it: a reading that is not used, or ``held`` out, is missing; so is a channel not read."""
     channels: dict[str, Any] = dict.fromkeys(READ_OUTPUTS)
@@ -355,9 +359,8 @@ def drive(record: PreparedRun, delay: float = 0.0) -> Drive:
     if run.is_uniform and run.hold == "unknown":
         return shifted(voltage, 1.0 / run.rate, delay, from_rest=record.start != "free")
     line = timeline(run.time, voltage, model_hold(record), delay=delay, from_rest=record.start != "free")
-    return Drive(
-        line.durations, line.interval, line.start, line.end, line.reading, np.flatnonzero(line.row >= 0).astype(np.intp)
-    )
+    rows = np.flatnonzero(line.row >= 0).astype(np.intp)
+    return Drive(line.durations, line.interval, line.start, line.end, line.reading, rows)
 
 
 def model_hold(record: PreparedRun) -> Hold:

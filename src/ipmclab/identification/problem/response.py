@@ -7,7 +7,6 @@ from dataclasses import replace
 from typing import Any, Protocol
 
 import numpy as np
-import numpy.typing as npt
 
 from ipmclab.identification.problem.record import PreparedRun, drive, model_hold
 from ipmclab.model import Actuator
@@ -18,8 +17,7 @@ from ipmclab.model.numerics.drive import respond
 from ipmclab.model.numerics.poles_loop import pole_values
 from ipmclab.model.sensitivity import Kept, Sensitivities, sensitivities
 from ipmclab.model.stages.circuit import CONTACT, Circuit
-
-FloatArray = npt.NDArray[np.float64]
+from ipmclab.run import FloatArray
 
 
 class Responder(Protocol):
@@ -217,10 +215,10 @@ class ActuatorResponder:
 
     def __init__(self, actuator: Actuator, *, of_means: bool = False) -> None:
         self._actuator = actuator
-        self._of_means = of_means
+        # Directions of the starting state that the readings can see, shape (n_states, n_amplitude), by the place.
         self._bases: dict[int, FloatArray] = {}
         self._latest: tuple[object, Actuator] | None = None
-        self._kept: Kept | None = None
+        self._kept = Kept(by_rows=of_means)
 
     @property
     def is_linear(self) -> bool:
@@ -235,22 +233,13 @@ class ActuatorResponder:
 
     def amplitudes(self, record: PreparedRun) -> int:
         """As many as the readings of this run can tell apart."""
-        return int(self.basis(record).shape[1])
-
-    def basis(self, record: PreparedRun) -> FloatArray:
-        """Directions of the starting state that the readings can see, shape (n_states, n_amplitude)."""
-        return self._bases[record.place]
+        return int(self._bases[record.place].shape[1])
 
     def prepare(self, record: PreparedRun, values: Mapping[str, float]) -> None:
         """Choose the basis of a run with a free start, for parameters near the final ones."""
-        rest = np.zeros(len(self._actuator.state_names))
-        states = self._sensitivities(record, values, (), 0.0, rest, asked=("states",)).states
-        weighted = np.concatenate(
-            [
-                states[row][reading.exact] / max(reading.noise, 1e-300)
-                for row, reading in enumerate(record.readings.values())
-            ]
-        )
+        states = self.start_columns(record, values, 0.0)
+        readings = zip(states, record.readings.values(), strict=True)
+        weighted = np.concatenate([own[reading.exact] / max(reading.noise, 1e-300) for own, reading in readings])
         _, singular, directions = np.linalg.svd(weighted, full_matrices=False)
         kept = singular > 1e-6 * singular[0]
         self._bases[record.place] = directions[kept].T / singular[kept] * np.sqrt(len(weighted))
@@ -305,8 +294,6 @@ class ActuatorResponder:
         *,
         asked: Collection[str],
     ) -> Sensitivities:
-        if self._kept is None:
-            self._kept = Kept(by_rows=self._of_means)
         return sensitivities(
             self._at(values, record.series_resistance),
             tuple(names),

@@ -6,11 +6,8 @@ import math
 from typing import Final, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
-from ipmclab.run import Finding
-
-FloatArray = npt.NDArray[np.float64]
+from ipmclab.run import Finding, FloatArray
 
 BEFORE_STEP: Final = {"offset-before-step": "offset", "drift-before-step": "drift"}
 """Findings of a record that call for an unknown of its observation."""

@@ -6,12 +6,10 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 
 from ipmclab.fit.as_fitted import is_same
 from ipmclab.model import Actuator
-
-FloatArray = npt.NDArray[np.float64]
+from ipmclab.run import FloatArray
 
 _SAME: Final = 1e-9
 """Part of a variance, and of the largest eigenvalue: what is less is rounding."""
@@ -42,7 +40,9 @@ def stated_covariance(actuator: Actuator, names: Sequence[str]) -> dict[str, dic
     together = _of_earlier_fit(actuator, names)
     known = together.diagonal()
     kept = (known > 0.0) & (stated**2 >= known * (1.0 - _SAME))
-    kept &= np.array([_is_unchanged(actuator, name) for name in names], dtype=bool)
+    values = (actuator.fit_table or {}).get("values", {})
+    values = values if isinstance(values, Mapping) else {}
+    kept &= np.array([is_same(actuator[name], values.get(name)) for name in names], dtype=bool)
     places = np.ix_(kept, kept)
     if _is_covariance(together[places]):
         own = found[places].diagonal()
@@ -64,11 +64,6 @@ def _of_earlier_fit(actuator: Actuator, names: Sequence[str]) -> FloatArray:
     there = [places[names[number]] for number in kept]
     nothing[np.ix_(kept, kept)] = rows[np.ix_(there, there)]
     return nothing
-
-
-def _is_unchanged(actuator: Actuator, name: str) -> bool:
-    values = (actuator.fit_table or {}).get("values", {})
-    return isinstance(values, Mapping) and is_same(actuator[name], values.get(name))
 
 
 def _is_covariance(matrix: FloatArray) -> bool:

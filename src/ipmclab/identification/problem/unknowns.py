@@ -8,7 +8,6 @@ from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from ipmclab.identification.problem.edge_delay import EdgeDelay
 from ipmclab.identification.problem.free import FreeParameters, Prior
@@ -17,8 +16,7 @@ from ipmclab.model.declared import declaration_of, largest_proportional
 from ipmclab.model.environment.age import Age
 from ipmclab.model.parameters import Parameter
 from ipmclab.model.stages.coupling import ZERO
-
-FloatArray = npt.NDArray[np.float64]
+from ipmclab.run import FloatArray
 
 
 @dataclass(frozen=True)
@@ -171,6 +169,13 @@ def actuator_unknown(parameter: Parameter, place: int | None) -> Unknown:
     return Unknown(name, parameter.name, place, log, scale, lower, parameter.upper)
 
 
+def _of_run(
+    base: str, place: int, scale: float, lower: float = -math.inf, upper: float = math.inf, *, nuisance: bool = False
+) -> Unknown:
+    """A linear unknown of one run."""
+    return Unknown(f"{base}[{place}]", base, place, False, scale, lower, upper, nuisance)
+
+
 def with_known(unknowns: Sequence[Unknown], priors: Mapping[str, Prior]) -> list[Unknown]:
     """The unknowns, with what is known of them beforehand."""
     found = [u if u.base not in priors else u.known(priors[u.base].value, priors[u.base].uncertainty) for u in unknowns]
@@ -247,7 +252,7 @@ def _of_states(free: FreeParameters, records: Sequence[PreparedRun]) -> list[Unk
             base, value, error, ends = HUMIDITY, state.relative_humidity, state.humidity_uncertainty, (0.0, 100.0)
         else:
             base, value, error, ends = WATER, state.water_content, state.standard_uncertainty, _WATER
-        own = Unknown(f"{base}[{record.place}]", base, record.place, False, 1.0, *ends, nuisance=True)
+        own = _of_run(base, record.place, 1.0, *ends, nuisance=True)
         if len(weighed) > 1 and record.place in weighed:
             error = math.sqrt(max(error**2 - state.shared_uncertainty**2, (_LEAST * error) ** 2))
             own = replace(own, follows={SITES: (state.shared_uncertainty, 1.0)})
@@ -265,21 +270,10 @@ def _of_delays(records: Sequence[PreparedRun], delays: Mapping[int, EdgeDelay]) 
     found = []
     for record in foreign:
         reach, known = LONGEST_DELAY * record.period, delays[record.place]
-        found.append(
-            Unknown(
-                f"observation.delay[{record.place}]",
-                "observation.delay",
-                record.place,
-                log=False,
-                scale=record.period,
-                lower=-reach,
-                upper=reach,
-                # Steps show how their edges lie to each other, and so the rows of all of them confine one
-                # common shift: that their limits agree is no reason to believe in the middle between them.
-                prior=(known.value / record.period, known.error * math.sqrt(len(foreign)) / record.period),
-                is_range=True,
-            )
-        )
+        own = _of_run("observation.delay", record.place, record.period, -reach, reach)
+        # Steps show how their edges lie to each other, and so the rows of all of them confine one common shift: that
+        # their limits agree is no reason to believe in the middle between them.
+        found.append(replace(own.known(known.value, known.error * math.sqrt(len(foreign))), is_range=True))
     return found
 
 
@@ -294,15 +288,7 @@ def _of_sensors(free: FreeParameters, records: Sequence[PreparedRun]) -> list[Un
                 if base not in free.observation and (what, output) not in record.unsettled:
                     continue
                 scale = float(np.ptp(reading.values[reading.used])) or 1.0
-                own = Unknown(
-                    f"{base}[{record.place}]",
-                    base,
-                    record.place,
-                    log=False,
-                    scale=scale if what == "offset" else scale / duration,
-                    lower=-math.inf,
-                    upper=math.inf,
-                )
+                own = _of_run(base, record.place, scale if what == "offset" else scale / duration)
                 least, most = record.limits(what, output)
                 if math.isfinite(most) and base not in free.observation:
                     # A slope and what is slow in the strip cancel each other to any size; a zero follows its misfit.
@@ -366,5 +352,4 @@ def _of_some_size(unknown: Unknown) -> Unknown:
 
 def amplitudes(place: int, count: int) -> list[Unknown]:
     """The unknowns of the state in which a run begins."""
-    bases = [f"{_START}{number}" for number in range(count)]
-    return [Unknown(f"{b}[{place}]", b, place, False, 1.0, -math.inf, math.inf, nuisance=True) for b in bases]
+    return [_of_run(f"{_START}{number}", place, 1.0, nuisance=True) for number in range(count)]

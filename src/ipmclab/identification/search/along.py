@@ -7,16 +7,15 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from ipmclab.fit.fit import DETERMINED
 from ipmclab.identification.problem.free import FreeParameters
 from ipmclab.identification.problem.problem import Problem
+from ipmclab.identification.problem.record import fastest_rate
 from ipmclab.identification.problem.response import CircuitResponder
 from ipmclab.identification.search.branch_valley import branch_valley
 from ipmclab.identification.search.descent import on_every_row, shorter
 from ipmclab.identification.search.solve import Pinned, Solution, descend
-from ipmclab.identification.search.starts.start import fastest_rate
 from ipmclab.identification.search.tangent import entry_errors
 from ipmclab.identification.search.valleys import AS_GOOD, EVALUATIONS, NEAR, Place, Valley
 from ipmclab.model import Actuator
@@ -24,8 +23,6 @@ from ipmclab.model.declared import is_of_circuit
 from ipmclab.model.stages.circuit import DC, SERIES, slowest_branch
 from ipmclab.model.stages.coupling import GAIN, ZERO
 from ipmclab.model.stages.leak import SLOW_TIME
-
-FloatArray = npt.NDArray[np.float64]
 
 _WEAK: Final = 0.2  # standard error of a logarithm from which other valleys are looked for
 _SETTLED: Final = 1e-3  # of chi-square: a further step of the others would lower it by less
@@ -91,27 +88,20 @@ def held_at(problem: Problem, solution: Solution, name: str, values: Sequence[fl
 
 def nearest_zero(problem: Problem, solution: Solution) -> Solution:
     """Where the zero of the coupling is not seen, the one of the actuator's file, if the readings allow it."""
-    name = ZERO
-    held = [unknown.name for unknown in problem.unknowns].index(name) if _has(problem, name) else -1
-    if held < 0 or not _is_hidden(problem, solution, held):
+    names = [unknown.name for unknown in problem.unknowns]
+    if not {ZERO, GAIN} <= set(names):
         return solution
-    (place,) = held_at(problem, solution, name, [problem.base[name]])
-    found = place.solution
-    per_reading = solution.evaluation.cost / len(solution.evaluation.residual)
-    spent = found.evaluations + solution.evaluations
-    allowed = found.evaluation.cost <= solution.evaluation.cost + AS_GOOD * per_reading
-    if not allowed:
-        return replace(solution, evaluations=spent)
-    # As good as a minimum: whether that was reached counts, not whether the walk along the valley came to its end.
-    return replace(found, converged=solution.converged, message=solution.message, evaluations=spent)
-
-
-def _has(problem: Problem, name: str) -> bool:
-    return {name, GAIN} <= {unknown.name for unknown in problem.unknowns}
-
-
-def _is_hidden(problem: Problem, solution: Solution, held: int) -> bool:
+    held = names.index(ZERO)
     zero = problem.unknowns[held].value(float(solution.theta[held]))
     # As the error towards its nearer side, of a zero of which the readings know the reciprocal.
     error = np.log1p(entry_errors(solution.evaluation)[held])
-    return zero > fastest_rate(problem.records) or bool(error > DETERMINED)
+    if not (zero > fastest_rate(problem.records) or error > DETERMINED):
+        return solution
+    (place,) = held_at(problem, solution, ZERO, [problem.base[ZERO]])
+    found = place.solution
+    per_reading = solution.evaluation.cost / len(solution.evaluation.residual)
+    spent = found.evaluations + solution.evaluations
+    if not found.evaluation.cost <= solution.evaluation.cost + AS_GOOD * per_reading:
+        return replace(solution, evaluations=spent)
+    # As good as a minimum: whether that was reached counts, not whether the walk along the valley came to its end.
+    return replace(found, converged=solution.converged, message=solution.message, evaluations=spent)

@@ -6,15 +6,13 @@ from collections.abc import Callable, Sequence
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from ipmclab.identification.problem.evaluation import Evaluation
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.search.descent import HOPE, SHORTLY, minimum_near
 from ipmclab.identification.search.solve import Solution
-from ipmclab.identification.search.valleys import AS_GOOD, Place, Rival
-
-FloatArray = npt.NDArray[np.float64]
+from ipmclab.identification.search.valleys import AS_GOOD, SURE, Place, Rival
+from ipmclab.run import FloatArray
 
 _SAME: Final = 1e-3  # of an entry: a search that ends so near found the same point
 
@@ -22,28 +20,30 @@ Inflation = Callable[[FloatArray], float]
 """How many times more the cost along a difference of residuals varies than under white noise."""
 
 
-def _as_white(_: FloatArray) -> float:
-    return 1.0
-
-
 def allowed_places(
-    problem: Problem, solution: Solution, valley: Sequence[Place], inflation: Inflation = _as_white
+    problem: Problem, solution: Solution, valley: Sequence[Place], inflation: Inflation = lambda _: 1.0
 ) -> tuple[Rival, ...]:
     """The places of a valley that the readings allow, under the noise that was found."""
     least = solution.evaluation.cost
     variance = least / len(solution.evaluation.residual)
     found = []
     for place in valley:
-        times = inflation(place.solution.evaluation.residual - solution.evaluation.residual)
-        found.append(Rival.at(problem, place, least, variance * times))
-    return tuple(rival for rival in found if rival is not None)
+        there = place.solution.evaluation
+        times = inflation(there.residual - solution.evaluation.residual)
+        own = max(variance * times, 1e-300)  # what is open stays open, however well all readings are met
+        left = place.allowed - max(there.cost - least, 0.0) / own
+        if not left < 0.0:
+            # Within a place 95 % of its own, less towards the last one that is allowed.
+            reach = place.errors * np.sqrt(own * min(left, SURE)) if left > 0.0 else None
+            found.append(Rival.of(problem, place.solution.theta, reach))
+    return tuple(found)
 
 
 def still_rivals(
     problem: Problem,
     solution: Solution,
     rivals: Sequence[Rival],
-    inflation: Inflation = _as_white,
+    inflation: Inflation = lambda _: 1.0,
     *,
     is_searched: bool = False,
 ) -> tuple[Rival, ...]:

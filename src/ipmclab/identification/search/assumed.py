@@ -5,9 +5,6 @@ from __future__ import annotations
 from collections.abc import Set
 from dataclasses import replace
 
-import numpy as np
-import numpy.typing as npt
-
 from ipmclab.identification.problem.free import FreeParameters
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.problem.record import ASSUMED_REST, PreparedRun
@@ -16,8 +13,6 @@ from ipmclab.identification.search.descent import minimum_from, start_with_fewer
 from ipmclab.identification.search.rest import could_be_zero
 from ipmclab.identification.search.solve import Solution
 from ipmclab.run import Finding
-
-FloatArray = npt.NDArray[np.float64]
 
 
 def assumed_zeros(problem: Problem, names: FreeParameters) -> list[int]:

@@ -26,8 +26,8 @@ from ipmclab.identification.problem.response import lumped
 from ipmclab.model.admittance import Elements, admittance
 from ipmclab.model.numerics.drive import Drive, responses
 from ipmclab.model.stages.circuit import DC, branch_names
+from ipmclab.run import FloatArray
 
-FloatArray = npt.NDArray[np.float64]
 IndexArray = npt.NDArray[np.intp]
 
 _MET: Final = 1e-6  # of a pole: of two that are nearer, the difference has lost its digits

@@ -18,17 +18,15 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from ipmclab.identification.problem.evaluation import Evaluation, Solvable
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.search.branch_times import BranchTimes
-from ipmclab.identification.search.solve import Solution, descend, minimise
+from ipmclab.identification.search.solve import Pinned, Solution, descend, minimise
 from ipmclab.identification.search.tangent import entry_errors
 from ipmclab.identification.search.valleys import EVALUATIONS, NEAR, SURELY_SOMEWHERE, Place
 from ipmclab.model.stages.circuit import Circuit, branch_names
-
-FloatArray = npt.NDArray[np.float64]
+from ipmclab.run import FloatArray
 
 _WEAK: Final = 0.2  # standard error of a logarithm from which a branch may as well be elsewhere
 _FASTEST: Final = 0.3  # rows: the shortest time constant that is tried (convention)
@@ -41,41 +39,40 @@ _FAR: Final = 0.5
 _INSIDE: Final = 1e-6  # so far from their bounds searches begin
 
 
-class Tied:
+class Tied(Pinned):
     """A problem in which the sum of two entries is held: of logarithms, the product of two values."""
 
     def __init__(self, problem: Solvable, free: int, tied: int, total: float) -> None:
-        self._problem, self._free, self._tied, self._total = problem, free, tied, total
-        self._others = np.delete(np.arange(len(problem.lower)), tied)
-        self._rows = np.append(self._others, len(problem.lower))
-        lower, upper = problem.lower.copy(), problem.upper.copy()
-        lower[free] = max(lower[free], total - upper[tied])
-        upper[free] = min(upper[free], total - lower[tied])
-        self.lower, self.upper = lower[self._others], upper[self._others]
-        self.linear, self.added = problem.linear[self._others], problem.added[self._others]
-
-    def full(self, theta: FloatArray) -> FloatArray:
-        """The vector of the whole problem."""
-        found = np.full(len(theta) + 1, self._total)
-        found[self._others] = theta
-        found[self._tied] -= found[self._free]
-        return found
-
-    def reduced(self, theta: FloatArray) -> FloatArray:
-        """The vector of the others."""
-        return theta[self._others]
+        super().__init__(problem, tied, total)
+        self._free, self._own = free, free - (free > tied)
+        self.lower[self._own] = max(problem.lower[free], total - problem.upper[tied])
+        self.upper[self._own] = min(problem.upper[free], total - problem.lower[tied])
 
     def evaluate(self, theta: FloatArray) -> Evaluation:
-        """Residuals and Jacobian of the others."""
-        whole = self._problem.evaluate(self.full(theta))
-        rows = whole.rows[self._rows]
-        rows[self._free - (self._free > self._tied)] -= whole.rows[self._tied]
-        return Evaluation(rows, whole.beforehand)
+        """Residuals and Jacobian of the others: the entry that is tied moves against the free one."""
+        found = super().evaluate(theta)
+        found.rows[self._own] -= self._whole(self._with_held(theta)).rows[self._place]
+        return found
 
-    def errors(self, there: Solution) -> FloatArray:
-        """Standard error of each entry of the whole problem at a minimum of this one."""
-        found = np.insert(entry_errors(there.evaluation), self._tied, 0.0)
-        found[self._tied] = found[self._free]
+    def fitted(self, theta: FloatArray, least: float) -> Solution:
+        """The best fit from a vector of the whole problem; only roughly where the readings do not allow it."""
+        inside = np.clip(theta[self._others], self.lower + _INSIDE, self.upper - _INSIDE)
+        rough = minimise(self, inside, evaluations=EVALUATIONS, tolerance=_ROUGHLY)
+        if rough.evaluation.cost > (1.0 + _FAR) * least:
+            return rough
+        return descend(self, rough.theta, rough.evaluation, evaluations=EVALUATIONS, tolerance=NEAR)
+
+    def place(self, problem: Problem, best: Solution, branch: int) -> Place:
+        """A minimum as a point of a problem of the same unknowns, where a branch is held."""
+        theta = self._with_held(best.theta)
+        errors = np.insert(entry_errors(best.evaluation), self._place, 0.0)
+        errors[self._place] = errors[self._free]
+        whole = replace(best, theta=theta, evaluation=problem.evaluate(theta))
+        return Place(whole, errors, SURELY_SOMEWHERE, branch)
+
+    def _with_held(self, theta: FloatArray) -> FloatArray:
+        found = super()._with_held(theta)
+        found[self._place] -= found[self._free]
         return found
 
 
@@ -114,10 +111,10 @@ def branch_valley(
         for total in totals:
             tied = Tied(shorter, resistivity, permittivity, float(total))
             starts = [warm, None if table is None else table.start(len(found), branch)]
-            tried = [_fitted(tied, start, here.cost) for start in starts if start is not None]
+            tried = [tied.fitted(start, here.cost) for start in starts if start is not None]
             best = min(tried, key=lambda one: one.evaluation.cost)
-            warm = tied.full(best.theta)
-            found.append(_place(problem, tied, best, branch))
+            found.append(tied.place(problem, best, branch))
+            warm = found[-1].solution.theta
     return found
 
 
@@ -126,22 +123,7 @@ def _begun(problem: Problem, shorter: Problem, branch: int, theta: FloatArray, l
     names = [unknown.name for unknown in problem.unknowns]
     free, other = (names.index(name) for name in branch_names(branch))
     tied = Tied(shorter, free, other, float(theta[free] + theta[other]))
-    return _place(problem, tied, _fitted(tied, theta, least), branch)
-
-
-def _place(problem: Problem, tied: Tied, best: Solution, branch: int) -> Place:
-    theta = tied.full(best.theta)
-    whole = replace(best, theta=theta, evaluation=problem.evaluate(theta))
-    return Place(whole, tied.errors(best), SURELY_SOMEWHERE, branch)
-
-
-def _fitted(tied: Tied, theta: FloatArray, least: float) -> Solution:
-    """The best fit with the time constant held; only roughly where the readings do not allow it."""
-    inside = np.clip(tied.reduced(theta), tied.lower + _INSIDE, tied.upper - _INSIDE)
-    rough = minimise(tied, inside, evaluations=EVALUATIONS, tolerance=_ROUGHLY)
-    if rough.evaluation.cost > (1.0 + _FAR) * least:
-        return rough
-    return descend(tied, rough.theta, rough.evaluation, evaluations=EVALUATIONS, tolerance=NEAR)
+    return tied.place(problem, tied.fitted(theta, least), branch)
 
 
 def _places(problem: Problem, values: Mapping[str, float], own: float) -> tuple[FloatArray, FloatArray]:

@@ -13,7 +13,6 @@ from collections.abc import Mapping, Sequence
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.problem.stated import stated_covariance
@@ -22,8 +21,7 @@ from ipmclab.identification.search.tangent import entry_errors
 from ipmclab.identification.search.valleys import SURE, SURELY_SOMEWHERE, Rival
 from ipmclab.model import Actuator
 from ipmclab.normal_equations import root
-
-FloatArray = npt.NDArray[np.float64]
+from ipmclab.run import FloatArray
 
 _SAME_POLE: Final = 0.1  # of a pole: a zero nearer than that leaves a slow part of less than a tenth of d(0)
 _HELD: Final = 0.02  # of what is held without a stated uncertainty: as well as four probes and a fit know it

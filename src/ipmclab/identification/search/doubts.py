@@ -8,18 +8,15 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.problem.record import PreparedRun
 from ipmclab.identification.problem.response import lumped
 from ipmclab.identification.search.solve import Solution
 from ipmclab.model.structure import Structure
-from ipmclab.run import Finding
+from ipmclab.run import Finding, FloatArray
 from ipmclab.statespace.columns import constants
 from ipmclab.units import CHANNELS
-
-FloatArray = npt.NDArray[np.float64]
 
 _NOTHING: Final = "model-explains-nothing"
 _HALF: Final = 0.5  # of what the readings vary

@@ -19,8 +19,8 @@ import numpy.typing as npt
 from ipmclab.identification.search.searched_run import SearchedRun, side_by_side
 from ipmclab.model.numerics.drive import complex_responses
 from ipmclab.model.numerics.poles_loop import pole_values
+from ipmclab.run import FloatArray
 
-FloatArray = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]
 IndexArray = npt.NDArray[np.intp]
 

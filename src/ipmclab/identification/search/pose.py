@@ -18,8 +18,7 @@ from ipmclab.identification.search.starts.start import StartingPoint
 from ipmclab.model import Actuator
 from ipmclab.model.kinds import kind_of
 from ipmclab.model.parameters import Parameter
-
-FloatArray = npt.NDArray[np.float64]
+from ipmclab.run import FloatArray
 
 
 def problem_at(

@@ -5,12 +5,10 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from ipmclab.identification.problem.evaluation import Evaluation, Solvable
 from ipmclab.identification.search.tangent import STRUCTURAL, UNFELT
-
-FloatArray = npt.NDArray[np.float64]
+from ipmclab.run import FloatArray
 
 _PARALLEL: Final = 1e-11
 """Of the largest singular value of columns of equal size: below it a direction of linear entries is rounding."""

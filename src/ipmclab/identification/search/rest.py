@@ -6,14 +6,12 @@ from collections.abc import Callable, Sequence
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from ipmclab.confidence import REJECT
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.problem.record import ASSUMED_REST
 from ipmclab.identification.search.solve import Solution
-
-FloatArray = npt.NDArray[np.float64]
+from ipmclab.run import FloatArray
 
 _BLIND: Final = 1e-4  # part of a column that the free parameters do not imitate, below which it says nothing
 
@@ -62,12 +60,10 @@ def _explains(columns: FloatArray, basis: FloatArray, residual: FloatArray, unkn
     return bool(fdtrc(added, freedom, explained / added / (remaining / freedom)) < REJECT)
 
 
-def _as_white(columns: FloatArray) -> FloatArray:
-    return columns.T @ columns
-
-
 def could_be_zero(
-    solution: Solution, columns: Sequence[int], covariance_of: Callable[[FloatArray], FloatArray] = _as_white
+    solution: Solution,
+    columns: Sequence[int],
+    covariance_of: Callable[[FloatArray], FloatArray] = lambda columns: columns.T @ columns,
 ) -> bool:
     """Whether some linear unknowns differ from zero by no more than the noise makes them (Wald's test, 0.1 %).
 

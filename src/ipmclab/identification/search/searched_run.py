@@ -6,12 +6,10 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from ipmclab.identification.problem.record import LONGEST_DELAY
 from ipmclab.model.numerics.drive import Drive
-
-FloatArray = npt.NDArray[np.float64]
+from ipmclab.run import FloatArray
 
 
 @dataclass(frozen=True, eq=False)

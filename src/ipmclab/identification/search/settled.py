@@ -6,14 +6,12 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from ipmclab.identification.problem.evaluation import Evaluation, Searched, Solvable
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.search.solve import AT_BOUND, HARDLY, MOST_STEPS, Pinned, Solution, farthest, polish
 from ipmclab.identification.search.tangent import gauss_newton, null_directions, with_others
-
-FloatArray = npt.NDArray[np.float64]
+from ipmclab.run import FloatArray
 
 SETTLED: Final = 1e-9
 """Of a standard error: a step shorter than that is none."""
@@ -135,12 +133,9 @@ def settle(problem: Problem, solution: Solution, reference: FloatArray) -> Solut
             break
         trial = solution.theta + move * min(1.0, reach / length)
         inside = np.clip(trial, problem.lower + 1e-6, problem.upper - 1e-6)
-        back = polish(problem, inside)
-        gained = (
-            back is not None
-            and back.evaluation.cost <= solution.evaluation.cost + 1e-3 + 1e-9 * solution.evaluation.cost
-        )
-        if back is not None and gained and _distance(back.theta, reference) < _distance(solution.theta, reference):
+        back, cost = polish(problem, inside), solution.evaluation.cost
+        gained = back is not None and back.evaluation.cost <= cost + 1e-3 + 1e-9 * cost
+        if back and gained and _distance(back.theta, reference) < _distance(solution.theta, reference):
             solution = back
             spent += back.evaluations
         else:

@@ -9,8 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.identification.problem.evaluation import Evaluation
-
-FloatArray = npt.NDArray[np.float64]
+from ipmclab.run import FloatArray
 
 STRUCTURAL: Final = 1e-7
 """A singular value below this part of the largest is a direction that no amount of such data determines."""

@@ -7,14 +7,12 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from ipmclab.identification.problem.order import Order, exchangeable
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.problem.unknowns import Unknown
 from ipmclab.identification.search.solve import Solution
-
-FloatArray = npt.NDArray[np.float64]
+from ipmclab.run import FloatArray
 
 AS_GOOD: Final = 4.0
 """Of chi-square: a minimum no higher than that is as good."""
@@ -70,27 +68,6 @@ class Rival:
         names = [unknown.name for unknown in problem.unknowns]
         known = np.zeros(len(names)) if reach is None else reach
         return cls(dict(zip(names, map(float, theta), strict=True)), dict(zip(names, map(float, known), strict=True)))
-
-    @classmethod
-    def at(cls, problem: Problem, place: Place, least: float, variance: float) -> Rival | None:
-        """From a place, or None where the readings do not allow it.
-
-        Parameters
-        ----------
-        problem : Problem
-        place : Place
-        least : float
-            Cost of the best fit.
-        variance : float
-            Cost of one reading: 1 where the noise is as it was taken to be.
-        """
-        variance = max(variance, 1e-300)  # what is open stays open, however well all readings are met
-        left = place.allowed - max(place.solution.evaluation.cost - least, 0.0) / variance
-        if left < 0.0:
-            return None
-        # Within a place 95 % of its own, less towards the last one that is allowed.
-        reach = place.errors * np.sqrt(variance * min(left, SURE)) if left > 0.0 else None
-        return cls.of(problem, place.solution.theta, reach)
 
     def vector_of(self, unknowns: Sequence[Unknown], own: FloatArray) -> FloatArray:
         """Its entries of some unknowns, which may be others too; theirs are taken from ``own``."""

@@ -71,15 +71,7 @@ class Interval:
 
 
 def interval_of(
-    correlated: Correlated,
-    unknown: Unknown,
-    place: int,
-    found: Uncertainty,
-    number: int,
-    error: float,
-    *,
-    open_edges: bool,
-    followed: bool = True,
+    correlated: Correlated, found: Uncertainty, number: int, error: float, *, open_edges: bool, followed: bool = True
 ) -> Interval:
     """The 95 % interval of one unknown.
 
@@ -87,9 +79,6 @@ def interval_of(
     ----------
     correlated : Correlated
         The solution, and the noise found in its residuals.
-    unknown : Unknown
-    place : int
-        Of its entry in the vector.
     found : Uncertainty
     number : int
         Of it among those that were asked for.
@@ -104,6 +93,7 @@ def interval_of(
     from scipy.special import stdtrit
 
     problem, solution = correlated.problem, correlated.solution
+    place, unknown = problem.asked[number]
     entry = float(solution.theta[place])
     variance, freedom = float(found.covariance[number, number]), float(found.freedom[number])
     hopeless = _hopeless(problem)
@@ -268,10 +258,10 @@ def with_rivals(
 
 
 def half_width(unknown: Unknown, interval: tuple[float, float]) -> float:
-    """Of an interval, in entries of a logarithm."""
+    """Of an interval, in entries."""
     low, high = interval
     if not unknown.log:
-        return 0.0
+        return 0.5 * (high - low) / unknown.scale
     return 0.5 * math.log(high / low) if low > 0.0 and math.isfinite(high) else math.inf
 
 

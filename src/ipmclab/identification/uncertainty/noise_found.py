@@ -30,18 +30,17 @@ _MODEL_ERRS: Final = "model-error"
 _LOOK: Final = "look at the residuals in the report"
 
 
-def noise_findings(problem: Problem, correlated: Correlated, found: Uncertainty) -> list[Finding]:
+def noise_findings(correlated: Correlated, found: Uncertainty) -> list[Finding]:
     """A finding for each output whose residuals are not white, and one where no noise describes them.
 
     Parameters
     ----------
-    problem : Problem
     correlated : Correlated
     found : Uncertainty
         With the outputs that are autocorrelated even under the noise.
     """
-    labels = {record.place: record.label for record in problem.records}
-    wrong = {key: sizes for key in problem.pieces if (sizes := _model_error(correlated, key)) is not None}
+    labels = {record.place: record.label for record in correlated.problem.records}
+    wrong = {key: sizes for key in correlated.problem.pieces if (sizes := _model_error(correlated, key)) is not None}
     findings = [_model_is_wrong(labels[place], output, *sizes) for (place, output), sizes in wrong.items()]
     # What the model lacks is no noise: nothing more is said of it as one.
     noises = {key: noise for key, noise in correlated.noise.items() if key not in wrong}

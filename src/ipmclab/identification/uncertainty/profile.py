@@ -55,20 +55,16 @@ class Point:
     is_found: bool = True
 
 
-@dataclass(frozen=True, eq=False)
-class Side:
-    """One side of a profile: where it crosses the threshold (infinite where it does not), and the points on the way."""
+def one_side(
+    problem: Problem, solution: Solution, place: int, error: float, threshold: float
+) -> tuple[float, list[Point]]:
+    """One side of a profile: where it crosses a threshold, infinite where it does not, and the points on the way.
 
-    crossing: float
-    points: tuple[Point, ...]
-
-
-def one_side(problem: Problem, solution: Solution, place: int, error: float, threshold: float) -> Side:
-    """Walk from the minimum to where the profile crosses the threshold; a negative error walks downwards."""
+    A negative error walks downwards.
+    """
     walk = Walk(problem, solution, place, error)
     away = walk.distance(math.sqrt(threshold))
-    side = math.copysign(1.0, error)
-    return Side(float(solution.theta[place]) + side * away, tuple(walk.points[1:]))
+    return float(solution.theta[place]) + math.copysign(1.0, error) * away, walk.points[1:]
 
 
 class Walk:

@@ -17,6 +17,7 @@ from ipmclab.fit.as_fitted import listed
 from ipmclab.identification.noise.pieces import directions_of
 from ipmclab.identification.noise.zeros import LARGEST_ZERO
 from ipmclab.identification.problem.problem import Problem
+from ipmclab.identification.problem.record import PreparedRun
 from ipmclab.identification.search.solve import Solution
 from ipmclab.run import Finding, FloatArray
 from ipmclab.ties import names_by_size
@@ -43,7 +44,8 @@ def unshown_zeros(problem: Problem, solution: Solution) -> list[Finding]:
     """
     jacobian = solution.evaluation.jacobian
     free = [k for k, unknown in enumerate(problem.unknowns) if unknown.log and not unknown.nuisance]
-    records = [record for record in problem.records if record.zero_is_taken and not _is_free(problem, record.place)]
+    freed = {unknown.place for unknown in problem.unknowns if unknown.base == OFFSET}
+    records = [record for record in problem.records if record.zero_is_taken and record.place not in freed]
     if not free or not records:
         return []
     inverse = directions_of(solution.evaluation)
@@ -70,12 +72,8 @@ def unshown_zeros(problem: Problem, solution: Solution) -> list[Finding]:
             problem.unknowns[k].name: abs(float(moved[k])) * zero for k in free if abs(moved[k]) * zero > matters[k]
         }
         if away:
-            found.append((_unshown if record.zero_is_open else _hardly_shown)(record.label, zero, away))
+            found.append(_finding(record, zero, away))
     return found
-
-
-def _is_free(problem: Problem, place: int) -> bool:
-    return any(unknown.base == OFFSET and unknown.belongs_to(place) for unknown in problem.unknowns)
 
 
 def hidden_zeros(problem: Problem, rows: int) -> FloatArray:
@@ -114,38 +112,24 @@ def _of_a_zero(problem: Problem, key: tuple[int, str], size: float, where: Float
     return np.asarray(problem.whitened(key, (size / problem.noise[key] * where)[None])[0])
 
 
-def _unshown(label: str, zero: float, away: Mapping[str, float]) -> Finding:
-    theirs = "more than its standard error" if len(away) == 1 else "more than their standard errors"
-    return _finding(
-        "zero-not-shown",
-        f"{label}: the record begins with the voltage on, so its current was taken to read zero at 0 V. A zero of "
-        f"{_shown(zero)}, which the readings do not contradict, would move {_moves(away)}, {theirs}",
-        f"record 5 s at 0 V before the first edge, or free {OFFSET}",
-        zero,
-        away,
-    )
-
-
-def _hardly_shown(label: str, zero: float, away: Mapping[str, float]) -> Finding:
-    theirs = "its interval, which counts" if len(away) == 1 else "their intervals, which count"
-    return _finding(
-        "zero-hardly-shown",
-        f"{label}: its rows at 0 V show the zero of the current to {_shown(zero)} only (95 %). Such a zero would move "
-        f"{_moves(away)}, farther than {theirs} it as exact",
-        f"free {OFFSET}, or record longer at 0 V before the first edge",
-        zero,
-        away,
-    )
-
-
-def _finding(code: str, message: str, repair: str, zero: float, away: Mapping[str, float]) -> Finding:
-    return Finding(code, "warning", message, repair, channel="current", values={"zero": zero, **away})
-
-
-def _shown(zero: float) -> str:
-    channel = CHANNELS["current"]
-    return f"{channel.to_display(zero):.2g} {channel.display_unit}"
-
-
-def _moves(away: Mapping[str, float]) -> str:
-    return listed([f"{name} by {100.0 * math.expm1(min(away[name], 10.0)):.2g} %" for name in names_by_size(away)])
+def _finding(record: PreparedRun, zero: float, away: Mapping[str, float]) -> Finding:
+    """``zero-not-shown`` of a run that begins with the voltage on, else ``zero-hardly-shown``."""
+    channel, one = CHANNELS["current"], len(away) == 1
+    size = f"{channel.to_display(zero):.2g} {channel.display_unit}"
+    moves = [f"{name} by {100.0 * math.expm1(min(away[name], 10.0)):.2g} %" for name in names_by_size(away)]
+    if record.zero_is_open:
+        code, repair = "zero-not-shown", f"record 5 s at 0 V before the first edge, or free {OFFSET}"
+        said = (
+            "the record begins with the voltage on, so its current was taken to read zero at 0 V. A zero of "
+            f"{size}, which the readings do not contradict, would move {listed(moves)}, more than "
+            f"{'its standard error' if one else 'their standard errors'}"
+        )
+    else:
+        code, repair = "zero-hardly-shown", f"free {OFFSET}, or record longer at 0 V before the first edge"
+        said = (
+            f"its rows at 0 V show the zero of the current to {size} only (95 %). Such a zero would move "
+            f"{listed(moves)}, farther than {'its interval, which counts' if one else 'their intervals, which count'} "
+            "it as exact"
+        )
+    values = {"zero": zero, **away}
+    return Finding(code, "warning", f"{record.label}: {said}", repair, channel="current", values=values)

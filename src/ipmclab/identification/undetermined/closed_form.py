@@ -119,11 +119,9 @@ def _over_frequencies(actuator: Actuator, names: Sequence[str], outputs: Sequenc
     chosen = choose_outputs(outputs)
     c, d = system.c[chosen], system.d[chosen, 0]
     matrix = 1j * omega[:, None, None] * np.eye(len(system.states)) - system.a
-    state = np.linalg.solve(matrix, np.broadcast_to(system.b[:, :1].astype(complex), (len(omega), len(system.b), 1)))
+    state = np.linalg.solve(matrix, system.b[:, :1])
     # c (s - a)^-1 of all outputs, as a row each.
-    reach = np.swapaxes(
-        np.linalg.solve(np.swapaxes(matrix, 1, 2), np.broadcast_to(c.T.astype(complex), (len(omega), *c.T.shape))), 1, 2
-    )
+    reach = np.swapaxes(np.linalg.solve(np.swapaxes(matrix, 1, 2), c.T), 1, 2)
     response = (c @ state)[:, :, 0] + d
     found = np.empty((len(omega), len(chosen), len(names)), dtype=complex)
     for column, name in enumerate(names):

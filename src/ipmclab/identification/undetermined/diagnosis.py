@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 
 from ipmclab.fit.fit import DETERMINED, Direction
-from ipmclab.identification.problem.record import PreparedRun
+from ipmclab.identification.problem.record import PreparedRun, fastest_rate
 from ipmclab.identification.problem.unknowns import Unknown
 from ipmclab.identification.search.valleys import Rival
 from ipmclab.identification.uncertainty.covariance import MOVED, Uncertainty
@@ -41,7 +41,7 @@ def relative_errors(unknowns: Sequence[Unknown], values: FloatArray, found: Unce
     is_any = float(static @ found.covariance @ static) > HARDLY**2 or np.any(np.abs(found.null @ static) > MOVED)
     ratios = np.array([is_proportional(unknown.base) for unknown in unknowns], dtype=bool)
     errors = np.sqrt(np.maximum(found.covariance.diagonal(), 0.0)) / size
-    moved = np.any(np.abs(found.null / size) > MOVED, axis=0) if len(found.null) else np.zeros(len(size), dtype=bool)
+    moved = np.any(np.abs(found.null / size) > MOVED, axis=0)
     return np.where(moved | (ratios & is_any), np.inf, errors)
 
 
@@ -74,7 +74,6 @@ def directions(
     fast = fast_modes(actuator, records)
     named = [_null_direction(unknowns, row, records, actuator) for row in sparse(found.null / size)]
     covariance = sharper.covariance / (size[:, None] * size)
-    errors = np.sqrt(np.maximum(covariance.diagonal(), 0.0))
     to_rivals = _distances(unknowns, values, rivals) / size
     nameless = np.any(np.abs(found.null / size) > MOVED, axis=0)
     exchanged = series_against_branches(
@@ -84,7 +83,7 @@ def directions(
         # What else is open is reported as if the series resistance were known.
         named.append(exchanged[0])
         covariance = exchanged[1]
-        errors = np.sqrt(np.maximum(covariance.diagonal(), 0.0))
+    errors = np.sqrt(np.maximum(covariance.diagonal(), 0.0))
     variances, vectors = np.linalg.eigh(covariance)
     open_ones = errors > DETERMINED
     chosen: set[int] = set()
@@ -100,9 +99,8 @@ def directions(
         plain = _direction(names, row, error, records, fast)
         named.append(_held_uncertain(plain, reason) if reason else plain)
     against = _gain_against_zero(names, known, found, errors, records, exact)
-    if against:
-        named = [direction for direction in named if not _is_gain_against_zero(direction)]
-    named += against
+    if against is not None:
+        named = [*(direction for direction in named if not _is_gain_against_zero(direction)), against]
     # What moves only a little along a direction that has a name may still move too much.
     left = [k for k in np.flatnonzero(open_ones) if not any(names_it(direction, names[k]) for direction in named)]
     while left:
@@ -261,7 +259,7 @@ def _cure(large: Sequence[str], asked: Sequence[str], records: Sequence[Prepared
     if len(own) == 1 and (cure := own.pop()):
         return cure
     moved = {name.split("[")[0] for name in asked}
-    outputs = {output for record in records for output in record.readings}
+    outputs = set(_outputs(records))
     circuit = {name for name in moved if is_of_circuit(name)}
     series = moved & set(SERIES)
     if "observation.delay" in moved:
@@ -300,7 +298,7 @@ def _gain_against_zero(
     errors: FloatArray,
     records: Sequence[PreparedRun],
     exact: Sequence[str],
-) -> tuple[Direction, ...]:
+) -> Direction | None:
     """Gain against zero, where only their product is determined.
 
     That is so when the zero of d(s) lies beyond the Nyquist rate of every record that could show it: there a zero at Z
@@ -308,8 +306,8 @@ def _gain_against_zero(
     formal error of Z would be false.
     """
     if "coupling.zero" not in names or "coupling.gain" not in names:
-        return ()
-    nyquist = float(np.pi * max(r.run.rate for r in records if {"force", "displacement"} & set(r.readings)))
+        return None
+    nyquist = fastest_rate(records)
     zero = values["coupling.zero"]
     if zero > nyquist:
         why = f"the zero at {zero:.4g} 1/s lies beyond the Nyquist rate of these runs, {nyquist:.4g} 1/s"
@@ -318,14 +316,14 @@ def _gain_against_zero(
         why = f"the zero does not show in these runs, whose Nyquist rate is {nyquist:.4g} 1/s"
         rate = 3.0 * nyquist / np.pi
     else:
-        return ()
+        return None
     half = float(np.sqrt(0.5))
     sentence = (
         f"coupling.gain and coupling.zero can move against each other: {why}, so only d(0) = K_d Z_d/P_2d"
         f"{_static(names, values, found, exact)} is known; record at {_round_up(rate):g} S/s or more"
     )
     coefficients = dict.fromkeys(names, 0.0) | {"coupling.gain": half, "coupling.zero": -half}
-    return (Direction(coefficients, sentence, np.inf),)
+    return Direction(coefficients, sentence, np.inf)
 
 
 def _static(names: Sequence[str], values: Mapping[str, float], found: Uncertainty, exact: Sequence[str]) -> str:

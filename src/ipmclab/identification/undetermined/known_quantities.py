@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 
@@ -26,7 +26,7 @@ from ipmclab.identification.uncertainty.covariance import MOVED, Uncertainty
 from ipmclab.model import Actuator
 from ipmclab.model.quantities import AT_ONCE, derived, quantities_of_each
 from ipmclab.quality.record import Record as Checked
-from ipmclab.run import FloatArray, Run
+from ipmclab.run import FloatArray
 from ipmclab.ties import largest_first
 
 _STEP: Final = 1e-4  # of an entry, for a derivative: entries are logarithms, or of order one
@@ -103,7 +103,8 @@ def known_quantities(actuator: Actuator, points: Sequence[Point]) -> tuple[Known
 
 def _of_runs(actuator: Actuator, points: Sequence[Point], alike: Sequence[PreparedRun]) -> list[Known]:
     """What is known of runs that share all parameters: what one of them lasts for, and no peak contradicts."""
-    longest = max(_driven_for(record.run) for record in alike)
+    # How long a run lasts from the first edge of its voltage on [s].
+    longest = max(float(run.time[-1] - run.time[Checked.of(run).first_edge]) for run in (one.run for one in alike))
     each = [_known_at(point, _AtRecord(actuator, point.problem, alike[0], longest)) for point in points]
     known = []
     for name, one in each[0].items():
@@ -116,11 +117,6 @@ def _of_runs(actuator: Actuator, points: Sequence[Point], alike: Sequence[Prepar
         ):
             known.append(replace(one, interval=(low, high)))
     return known
-
-
-def _driven_for(run: Run) -> float:
-    """How long a run lasts from the first edge of its voltage on [s]."""
-    return float(run.time[-1] - run.time[Checked.of(run).first_edge])
 
 
 def _peak_contradicts(point: Point, records: Sequence[PreparedRun], resistance: float) -> bool:
@@ -138,6 +134,10 @@ def _is_narrow(name: str, value: float, low: float, high: float) -> bool:
         return False  # a logarithm that went beyond all numbers, or a gain that may have either sign
     half = 0.5 * (math.log(high / low) if derived(name).positive else (high - low) / abs(value))
     return half <= NORMAL_95 * DETERMINED
+
+
+_Neighbours = tuple[Mapping[str, float], Mapping[str, float], float]
+"""The parameters on both sides of one of them, and how far these are apart."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,29 +172,14 @@ class _AtRecord:
         unknown = self.problem.unknowns[entry]
         ends = [unknown.entry(unknown.value(float(theta[entry]) + step)) for step in (-_STEP, _STEP)]
         below, above = (self.at(np.where(np.arange(len(theta)) == entry, end, theta)) for end in ends)
-        return _Neighbours(below, above, ends[1] - ends[0])
+        return below, above, ends[1] - ends[0]
 
     def along_fixed(self, theta: FloatArray, name: str, value: float, variance: float) -> _Neighbours:
         """On both sides of a fixed value [1/SI]; above one that is 0."""
         step = _STEP * (abs(value) or math.sqrt(variance))
         ends = value - step if value else 0.0, value + step
         below, above = (self.at(theta, **{name: end}) for end in ends)
-        return _Neighbours(below, above, ends[1] - ends[0])
-
-
-class _Neighbours(NamedTuple):
-    """The parameters on both sides of one of them, and how far these are apart."""
-
-    below: Mapping[str, float]
-    above: Mapping[str, float]
-    width: float
-
-    def slopes(self, below: Mapping[str, float], above: Mapping[str, float]) -> dict[str, float]:
-        """Derivatives of the quantities on both sides; none of one that does not exist on both, or where these are
-        one."""
-        return {
-            name: (above[name] - value) / self.width for name, value in below.items() if name in above and self.width
-        }
+        return below, above, ends[1] - ends[0]
 
 
 def _known_at(point: Point, at_record: _AtRecord) -> dict[str, Known]:
@@ -210,10 +195,14 @@ def _known_at(point: Point, at_record: _AtRecord) -> dict[str, Known]:
     neighbours = [*moved, *fixed]
     others = [rival.vector_of(problem.unknowns, theta) for rival in point.rivals]
     there = [base, *(at_record.at(one) for one in (*others, *point.ends))]
-    every = at_record.quantities([*there, *(side for one in neighbours for side in (one.below, one.above))])
+    every = at_record.quantities([*there, *(side for below, above, _ in neighbours for side in (below, above))])
     here, *elsewhere = every[: len(there)]
     sides = every[len(there) :]
-    slopes = [one.slopes(*both) for one, *both in zip(neighbours, sides[::2], sides[1::2], strict=True)]
+    # None of one that does not exist on both sides, or where these are one.
+    slopes = [
+        {name: (above[name] - value) / width for name, value in below.items() if name in above and width}
+        for (_, _, width), below, above in zip(neighbours, sides[::2], sides[1::2], strict=True)
+    ]
     own, of_held = slopes[: len(moved)], slopes[len(moved) :]
     follows = np.array([found.slopes[name] for name in held]).reshape(len(held), len(own))
     together = np.array([[point.stated[one][other] for other in stated] for one in stated])

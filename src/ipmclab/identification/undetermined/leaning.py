@@ -54,7 +54,7 @@ def leaning_findings(
     finite = np.array([math.isfinite(one.standard_error) for one in own], dtype=bool)
     # What moves a parameter that the readings leave open says nothing of it.
     known = np.array([one.determined for one in own], dtype=bool)
-    half = np.array([_half(unknown, one.interval) for unknown, one in zip(asked, own, strict=True)])
+    half = np.array([half_width(unknown, one.interval) for unknown, one in zip(asked, own, strict=True)])
     sized: list[tuple[float, Finding]] = []
     for name in (*stated, *exact):
         moved = np.where(finite if name in stated else known, np.abs(found.leverage[name]), 0.0)
@@ -79,8 +79,3 @@ def leaning_findings(
         repair = 'write it as { value = "...", standard_uncertainty = "..." } in the actuator\'s file'
         sized.append((largest, Finding("exact-fixed-value", severity, message, repair, values={"leverage": largest})))
     return [sized[k][1] for k in largest_first([size for size, _ in sized])]
-
-
-def _half(unknown: Unknown, interval: tuple[float, float]) -> float:
-    """Half the width of an interval, in the entry that a leverage moves."""
-    return half_width(unknown, interval) if unknown.log else 0.5 * (interval[1] - interval[0]) / unknown.scale

@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from ipmclab.model import Actuator
 from ipmclab.model.stages.relaxation import mode_name, pair_name
+from ipmclab.run import FloatArray
 
-FloatArray = npt.NDArray[np.float64]
 Modes = tuple[tuple[float, float], ...]
 """Slow modes as (ratio, time constant [s]), fastest first."""
 
 
-def slow_poles(actuator: Actuator, output: str) -> range:
-    """One number for each slow pole of an output; a pair has two."""
+def slow_poles(actuator: Actuator, output: str) -> int:
+    """How many slow poles an output has; a pair has two."""
     structure = actuator.structure
     if output == "force":
-        return range(structure.force_modes + 2 * structure.force_pairs)
-    return range(structure.displacement_modes + 2 * structure.displacement_pairs)
+        return structure.force_modes + 2 * structure.force_pairs
+    return structure.displacement_modes + 2 * structure.displacement_pairs
 
 
 def slow_modes(poles: FloatArray, residues: FloatArray, static: float) -> Modes:

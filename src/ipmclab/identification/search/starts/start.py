@@ -115,20 +115,15 @@ def _with_leak(
 ) -> list[dict[str, float]]:
     """Starting points of a circuit that leaks: a few for each series resistance that is tried."""
     strip = actuator.replace(**_allowed(actuator, base))
-    located = starts_of(delays)
     most = _LEAK_STARTS + free.isdisjoint(SERIES)
-    starts = leak_starts(strip, free, [in_means(record) or record for record in records], located, most)
+    starts = leak_starts(strip, free, [in_means(record) or record for record in records], starts_of(delays), most)
     return [{**base, **_freed(start, free)} for start in starts]
 
 
 def _usual(actuator: Actuator, free: set[str]) -> dict[str, float]:
     """A usual size of each free parameter that has one; what the readings tell of it comes over it."""
-    found = {}
-    for name in sorted(free):
-        usual = actuator.structure.declarations[name].usual
-        if usual is not None:
-            found[name] = usual
-    return found
+    declared = actuator.structure.declarations
+    return {name: usual for name in sorted(free) if (usual := declared[name].usual) is not None}
 
 
 def _motion_starts(
@@ -180,8 +175,3 @@ def _series_values(
         else:
             found.append({CONTACT: max(series - values[SHEET] * squares, 0.01 * series)})
     return found
-
-
-def fastest_rate(records: Sequence[PreparedRun]) -> float:
-    """The highest Nyquist rate [1/s] of the records that show motion."""
-    return float(np.pi * max(record.run.rate for record in records if {"force", "displacement"} & set(record.readings)))

@@ -8,7 +8,6 @@ from dataclasses import replace
 from typing import Final, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from ipmclab.identification.problem.edge_delay import EdgeDelay, starts_of
 from ipmclab.identification.problem.record import LONGEST_DELAY, PreparedRun, drive
@@ -16,9 +15,7 @@ from ipmclab.identification.search.searched_run import SearchedRun, moves_of_row
 from ipmclab.identification.search.varpro import PoleFit, search_poles
 from ipmclab.model import geometry
 from ipmclab.model.admittance import Admittance, Elements, elements
-from ipmclab.run import Run
-
-FloatArray = npt.NDArray[np.float64]
+from ipmclab.run import FloatArray, Run
 
 _DELAY_PARTS: Final = 4  # trials within each row
 _LEAST_DIRECT: Final = 1e-12  # S, where the current reads zero throughout

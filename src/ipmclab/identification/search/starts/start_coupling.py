@@ -8,17 +8,15 @@ from itertools import combinations
 from typing import Final, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from ipmclab.identification.problem.free_run import seen_from_sensor
-from ipmclab.identification.problem.record import PreparedRun, model_hold
+from ipmclab.identification.problem.record import PreparedRun, fastest_rate, model_hold
 from ipmclab.identification.search.searched_run import SearchedRun
 from ipmclab.identification.search.starts.slow_modes import slow_modes, slow_poles, slow_values
 from ipmclab.identification.search.varpro import PoleFit, all_minima, near_pairs, pair_minima, search_poles
 from ipmclab.model import Actuator, simulate_outputs
 from ipmclab.model.numerics.drive import Drive, responses
-
-FloatArray = npt.NDArray[np.float64]
+from ipmclab.run import FloatArray
 
 _NONE: Final = np.empty(0)  # where no poles stand beside those of d(s)
 _STATIC: Final = 1e-3  # of what d(s) has at its corner, where the best static part is none that a strip has
@@ -48,44 +46,44 @@ def coupling_starts(
         Whether Young's modulus is to be started too, where displacement tells d(s) without it.
     """
     motion = motion_series(actuator, records, delays)
-    slow = {output: len(slow_poles(actuator, output)) for output in ("displacement", "force")}
-    moving, pressing = motion.of("displacement"), motion.of("force")
-    separate = stiffness_is_free and bool(moving.series) and bool(pressing.series)
+    slow = {output: slow_poles(actuator, output) for output in ("displacement", "force")}
+    moving, pressing = (of_output(motion, output) for output in slow)
+    separate = stiffness_is_free and bool(moving) and bool(pressing)
     if slow["displacement"] == slow["force"] == 0:
         every = moving if separate else motion
-        stiffness = _stiffness(_minima(moving, 2)[0], pressing.series) if separate else 1.0
+        stiffness = _stiffness(_minima(moving, 2)[0], pressing) if separate else 1.0
         return [_named(start) | _modulus(actuator, stiffness, separate) for start in _from(every, _minima(every, 2))]
     starts = []
     for of, other in ((moving, pressing), (pressing, moving)):
-        if not of.series or (separate and of is pressing):
+        if not of or (separate and of is pressing):
             continue
-        for start, own in _with_slow_modes(actuator, of, slow[of.output]):
+        for start, own in _with_slow_modes(actuator, of, slow[of[0].output]):
             values = _named(start) | own
-            if other.series:
-                stiffness, of_other = _with_other(start, other, slow[other.output], separate=separate)
-                values |= slow_values(actuator, other.output, of_other) | _modulus(actuator, stiffness, separate)
+            if other:
+                stiffness, of_other = _with_other(start, other, slow[other[0].output], separate=separate)
+                values |= slow_values(actuator, other[0].output, of_other) | _modulus(actuator, stiffness, separate)
             starts.append(values)
     return starts
 
 
-def _with_slow_modes(actuator: Actuator, of: MotionSeries, slow: int) -> Iterator[tuple[_Start, dict[str, float]]]:
+def _with_slow_modes(actuator: Actuator, of: Sequence[Motion], slow: int) -> Iterator[tuple[_Start, dict[str, float]]]:
     """Starts of d(s) with the slow modes of one output, those with complex slow poles first, if as good."""
     real = _minima(of, 2 + slow)
-    may_turn = slow == 2 and f"relaxation.{of.output}_pair.0.ratio" in actuator.parameter_values
+    may_turn = slow == 2 and f"relaxation.{of[0].output}_pair.0.ratio" in actuator.parameter_values
     if may_turn:
         # The cost of poles that have met is what rounding leaves of it.
-        apart = [found.cost for found in real[:_MINIMA] if not _meet(found)]
+        apart = [one.cost for one in real[:_MINIMA] if not np.min(one.poles[:-1] / one.poles[1:]) < _MEETING]
         for turning in _within_drifts(of, lambda series, common: pair_minima(series, 2, common))[:1]:
             if turning.cost < _AS_GOOD * min(apart, default=np.inf):
                 yield _turning(of, turning)
     for start in _from(of, real, slow_may_turn=may_turn):
-        yield start, slow_values(actuator, of.output, start.slow)
+        yield start, slow_values(actuator, of[0].output, start.slow)
 
 
-def _turning(of: MotionSeries, found: PoleFit) -> tuple[_Start, dict[str, float]]:
+def _turning(of: Sequence[Motion], found: PoleFit) -> tuple[_Start, dict[str, float]]:
     """Two real poles of d(s), and a complex pair (r + lead s)/(1 + 2 zeta tau s + tau^2 s^2) of slow ones."""
     slow, start = _of_pair(found), _start(of, _of_poles(found.poles, found.residues))
-    name, static, tau = f"relaxation.{of.output}_pair.0", start.level / start.p2, slow.p2**-0.5
+    name, static, tau = f"relaxation.{of[0].output}_pair.0", start.level / start.p2, slow.p2**-0.5
     values = {
         f"{name}.ratio": -slow.level * tau**2 / static,
         f"{name}.lead": -slow.gain * tau**2 / static,
@@ -140,9 +138,11 @@ def _of_pair(found: PoleFit) -> _Quadratic:
     return _Quadratic(level, pair.residue.real, -2.0 * pair.pole.real, abs(pair.pole) ** 2)
 
 
-def _start(motion: MotionSeries, fast: _Quadratic, poles: FloatArray = _NONE, residues: FloatArray = _NONE) -> _Start:
+def _start(
+    motion: Sequence[Motion], fast: _Quadratic, poles: FloatArray = _NONE, residues: FloatArray = _NONE
+) -> _Start:
     """A start from the poles of d(s) and those of slow modes beside them."""
-    nyquist = float(np.pi * max(record.run.rate for record, _ in motion.labels))
+    nyquist = fastest_rate(one.record for one in motion)
     # No strip has a static part that is not above zero: nearly none is what is nearest.
     level = fast.level if fast.level > 0.0 else _STATIC * abs(fast.gain) * fast.p2**0.5 or 1e-12
     seen_zero = level / fast.gain if fast.gain > 0 else np.inf
@@ -150,7 +150,7 @@ def _start(motion: MotionSeries, fast: _Quadratic, poles: FloatArray = _NONE, re
     return _Start(level, min(seen_zero, nyquist), fast.p1, fast.p2, slow_modes(poles, residues, level / fast.p2))
 
 
-def _from(motion: MotionSeries, real: Sequence[PoleFit], *, slow_may_turn: bool = False) -> list[_Start]:
+def _from(motion: Sequence[Motion], real: Sequence[PoleFit], *, slow_may_turn: bool = False) -> list[_Start]:
     """Starts from minima of real poles, and from those of as many with a complex pair among them for d(s).
 
     Where the slow modes may be a pair too, the slower two poles are theirs.
@@ -170,11 +170,6 @@ def _from(motion: MotionSeries, real: Sequence[PoleFit], *, slow_may_turn: bool 
     return starts
 
 
-def _meet(found: PoleFit) -> bool:
-    """Whether two of the poles are equal."""
-    return bool(np.min(found.poles[:-1] / found.poles[1:]) < _MEETING)
-
-
 def _fast_pair(found: PoleFit) -> list[int]:
     """Which two poles are those of d(s).
 
@@ -185,7 +180,7 @@ def _fast_pair(found: PoleFit) -> list[int]:
 
 
 def _with_other(
-    start: _Start, other: MotionSeries, slow: int, *, separate: bool
+    start: _Start, other: Sequence[Motion], slow: int, *, separate: bool
 ) -> tuple[float, tuple[tuple[float, float], ...]]:
     """Stiffness over the one assumed, and slow modes, of the other output for a d(s) that is known."""
     root = np.sqrt(complex(start.p1**2 / 4.0 - start.p2))
@@ -196,68 +191,68 @@ def _with_other(
     first = (start.level + gain * poles[0]) / (poles[0] - poles[1])
     fast = PoleFit(poles, np.array([first, gain - first]), np.zeros(0), 0.0)
     if not slow:
-        return _stiffness(fast, other.series) if separate else 1.0, ()
-    expected = [fast.residues @ responses(run.drive, poles)[0] for run in other.series]
-    common = sensors(other)
+        return _stiffness(fast, other) if separate else 1.0, ()
+    runs, common = [one.run for one in other], sensors(other)
+    expected = [fast.residues @ responses(run.drive, poles)[0] for run in runs]
     if separate:
         common = np.vstack([common, np.concatenate(expected)])
-        found = search_poles(other.series, slow, common)
+        found = search_poles(runs, slow, common)
         stiffness = max(float(found.common[-1]), 1e-3)
     else:
-        left = [replace(run, readings=run.readings - part) for run, part in zip(other.series, expected, strict=True)]
+        left = [replace(run, readings=run.readings - part) for run, part in zip(runs, expected, strict=True)]
         found, stiffness = search_poles(left, slow, common), 1.0
     return stiffness, slow_modes(found.poles, found.residues, stiffness * start.level / start.p2)
 
 
-def _minima(motion: MotionSeries, count: int) -> list[PoleFit]:
+def _minima(motion: Sequence[Motion], count: int) -> list[PoleFit]:
     """Every different minimum of so many real poles."""
     return _within_drifts(motion, lambda series, common: all_minima(series, count, common))
 
 
 def _within_drifts(
-    motion: MotionSeries, search: Callable[[Sequence[SearchedRun], FloatArray], list[PoleFit]]
+    motion: Sequence[Motion], search: Callable[[Sequence[SearchedRun], FloatArray], list[PoleFit]]
 ) -> list[PoleFit]:
     """What a search finds, no sensor drifting by more than its rows at 0 V allow."""
-    found = search(motion.series, sensors(motion))
+    runs = [one.run for one in motion]
+    found = search(runs, sensors(motion))
     held = dict(_beyond(motion, found[0].common)) if found else {}
     if not held:
         return found
     series = [
-        replace(run, readings=run.readings - held[k] * run.time) if k in held else run
-        for k, run in enumerate(motion.series)
+        replace(run, readings=run.readings - held[k] * run.time) if k in held else run for k, run in enumerate(runs)
     ]
     return search(series, sensors(motion, without=held))
 
 
-def _beyond(motion: MotionSeries, common: FloatArray) -> Iterator[tuple[int, float]]:
+def _beyond(motion: Sequence[Motion], common: FloatArray) -> Iterator[tuple[int, float]]:
     """The series whose slope is none that its rows at 0 V allow, and the nearest one that is."""
     for (k, is_slope), weight in zip(_columns(motion), common, strict=True):
         if not is_slope:
             continue
-        slope = float(weight) / float(motion.series[k].time[-1])
-        record, output = motion.labels[k]
-        least, most = record.limits("drift", output)
-        nearest = min(max(slope, least / motion.scales[k]), most / motion.scales[k])
+        one = motion[k]
+        slope = float(weight) / float(one.run.time[-1])
+        least, most = one.record.limits("drift", one.output)
+        nearest = min(max(slope, least / one.scale), most / one.scale)
         if nearest != slope:
             yield k, nearest
 
 
-def _columns(motion: MotionSeries, without: Container[int] = ()) -> list[tuple[int, bool]]:
+def _columns(motion: Sequence[Motion], without: Container[int] = ()) -> list[tuple[int, bool]]:
     """Of each column that sensors add the series, and whether it is a slope."""
     return [
         (k, is_slope)
-        for k, (record, output) in enumerate(motion.labels)
+        for k, one in enumerate(motion)
         for is_slope in (False, True)
-        if not is_slope or (("drift", output) in record.unsettled and k not in without)
+        if not is_slope or (("drift", one.output) in one.record.unsettled and k not in without)
     ]
 
 
-def sensors(motion: MotionSeries, *, without: Container[int] = ()) -> FloatArray:
+def sensors(motion: Sequence[Motion], *, without: Container[int] = ()) -> FloatArray:
     """What sensors add: a constant for each series, for a zero is arbitrary, and a slope where the record shows one.
 
     Parameters
     ----------
-    motion : MotionSeries
+    motion : sequence of Motion
     without : container of int
         Series whose slope is known.
 
@@ -265,19 +260,19 @@ def sensors(motion: MotionSeries, *, without: Container[int] = ()) -> FloatArray
     -------
     columns : float array, shape (n_column, n_total)
     """
-    ends = np.cumsum([0, *(len(run.time) for run in motion.series)])
+    ends = np.cumsum([0, *(len(one.run.time) for one in motion)])
     what = _columns(motion, without)
     columns = np.zeros((len(what), ends[-1]))
     for column, (k, is_slope) in zip(columns, what, strict=True):
-        time = motion.series[k].time
+        time = motion[k].run.time
         column[ends[k] : ends[k + 1]] = time / time[-1] if is_slope else 1.0
     return columns
 
 
-def _stiffness(found: PoleFit, pressing: Sequence[SearchedRun]) -> float:
+def _stiffness(found: PoleFit, pressing: Sequence[Motion]) -> float:
     """Force over what d(s) from the displacement makes of it: the modulus over the one assumed."""
     above = below = 0.0
-    for run in pressing:
+    for run in (one.run for one in pressing):
         expected = found.residues @ responses(run.drive, found.poles)[0]
         weight = run.weight**2
         mean = np.sum(weight * expected) / np.sum(weight)
@@ -286,25 +281,18 @@ def _stiffness(found: PoleFit, pressing: Sequence[SearchedRun]) -> float:
     return max(above / below, 1e-3) if below > 0 else 1.0
 
 
-@dataclass(frozen=True)
-class MotionSeries:
-    """Displacement and force over their static factors, driven by the node voltage; which run and output each is, and
-    the factors."""
+class Motion(NamedTuple):
+    """Displacement or force of one record over its static factor, driven by the node voltage."""
 
-    series: Sequence[SearchedRun]
-    labels: Sequence[tuple[PreparedRun, str]]
-    scales: Sequence[float]
+    run: SearchedRun
+    record: PreparedRun
+    output: str
+    scale: float
 
-    def of(self, output: str) -> MotionSeries:
-        """Those of one output."""
-        chosen = [place for place, (_, name) in enumerate(self.labels) if name == output]
-        series, labels, scales = self.series, self.labels, self.scales
-        return MotionSeries([series[k] for k in chosen], [labels[k] for k in chosen], [scales[k] for k in chosen])
 
-    @property
-    def output(self) -> str:
-        """Of which output they are, where all are of one."""
-        return self.labels[0][1]
+def of_output(motion: Sequence[Motion], output: str) -> list[Motion]:
+    """Those of one output."""
+    return [one for one in motion if one.output == output]
 
 
 def motion_series(
@@ -313,7 +301,7 @@ def motion_series(
     delays: Mapping[int, float],
     *,
     known_part: Actuator | None = None,
-) -> MotionSeries:
+) -> list[Motion]:
     """Displacement and force of all records as the searches for poles see them.
 
     Parameters
@@ -330,9 +318,7 @@ def motion_series(
         "displacement": 3.0 * sensing**2 / height**2,
         "force": 3.0 * height * width * actuator["beam.modulus"] / (4.0 * sensing),
     }
-    found: list[SearchedRun] = []
-    labels: list[tuple[PreparedRun, str]] = []
-    factors: list[float] = []
+    found: list[Motion] = []
     for record in records:
         wanted = [output for output in scales if output in record.readings]
         if not wanted:
@@ -352,15 +338,8 @@ def motion_series(
             reading = record.readings[output]
             scale = scales[output]
             values = reading.values if known_part is None else reading.values - answer
-            found.append(
-                SearchedRun(
-                    given,
-                    record.run.time - record.run.time[0],
-                    values / scale,
-                    np.where(reading.exact, scale / max(reading.noise, 1e-300), 0.0),
-                    record.start == "free",
-                )
-            )
-            labels.append((record, output))
-            factors.append(scale)
-    return MotionSeries(found, labels, factors)
+            weight = np.where(reading.exact, scale / max(reading.noise, 1e-300), 0.0)
+            since, is_free = record.run.time - record.run.time[0], record.start == "free"
+            run = SearchedRun(given, since, values / scale, weight, is_free)
+            found.append(Motion(run, record, output, scale))
+    return found

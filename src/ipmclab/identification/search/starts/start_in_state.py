@@ -77,7 +77,7 @@ def moved_back(
 ) -> StartingPoint:
     """A start that runs of one state gave, as it is in the reference state, with usual laws."""
     laws = _usual_laws(actuator, names)
-    ratios = _in_state(actuator.replace(**laws), names, alike)
+    ratios = _in_state(actuator, names, alike)
     values = {
         name: value * actuator[name] / ratios[name] if ratios.get(name) else value
         for name, value in point.values.items()

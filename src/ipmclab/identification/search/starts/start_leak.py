@@ -12,7 +12,6 @@ from itertools import product
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from ipmclab.identification.problem.record import PreparedRun
 from ipmclab.identification.problem.response import lumped
@@ -22,10 +21,9 @@ from ipmclab.identification.search.varpro import search_poles
 from ipmclab.model import Actuator
 from ipmclab.model.admittance import Admittance, admittance
 from ipmclab.model.declared import is_of_leak
-from ipmclab.model.numerics.drive import responses
+from ipmclab.model.numerics.drive import Drive, responses
 from ipmclab.model.stages.leak import ELECTROLYSIS
-
-FloatArray = npt.NDArray[np.float64]
+from ipmclab.run import FloatArray
 
 _EDGE: Final = 0.05  # of the largest voltage: a jump at a row
 _HINGES: Final = (0.3, 0.5, 0.7, 0.85)  # parts of the largest node voltage
@@ -71,6 +69,9 @@ def leak_starts(
     def circuit_with(leak: FloatArray) -> Admittance:
         return node.circuit(leak, structure.branches) if circuit_is_free else known
 
+    def beside(fractions: Admittance, leak: FloatArray) -> tuple[FloatArray, FloatArray]:
+        return node.around(fractions, leak) if circuit_is_free else node.at(fractions)
+
     if not any(is_of_leak(name) for name in free):
         fractions = circuit_with(_leaks(actuator, node))
         return [circuit_values(fractions, actuator.parameter_values, node.series_resistance)[0]]
@@ -82,22 +83,16 @@ def leak_starts(
     leak = np.zeros_like(node.voltage)
     for _ in range(_ROUNDS):
         fractions = circuit_with(leak)
-        linear, left = node.around(fractions, leak) if circuit_is_free else node.at(fractions, leak)
-        leak = (
-            np.maximum(
-                _factors(np.vstack([linear, node.through(fractions, bending)]), left, node.weight)[len(linear) :],
-                0.0,
-            )
-            @ bending
-        )
-    linear, left = node.around(fractions, leak) if circuit_is_free else node.at(fractions, leak)
+        linear, left = beside(fractions, leak)
+        columns = np.vstack([linear, node.through(fractions, bending)])
+        leak = np.maximum(_factors(columns, left, node.weight)[len(linear) :], 0.0) @ bending
+    linear, left = beside(fractions, leak)
     through = node.through(fractions, np.vstack([shape.columns for shape in shapes]))
     found = []
     for shape, columns in _ranked(shapes, through, linear, left, node.weight)[:most]:
         factors = _factors(np.vstack([linear, columns]), left, node.weight)[len(linear) :]
-        least = [
-            _LEAST * float(np.abs(node.readings).max()) / max(float(np.abs(c).max()), 1e-300) for c in shape.columns
-        ]
+        largest = _LEAST * float(np.abs(node.readings).max())
+        least = [largest / max(float(np.abs(column).max()), 1e-300) for column in shape.columns]
         leak = np.maximum(factors, least) @ shape.columns
         values = dict(shape.values)
         growth = 0.0
@@ -111,8 +106,7 @@ def leak_starts(
         for name, factor, smallest in zip(shape.sizes, factors, least, strict=True):
             values[name] = max(float(factor), smallest) / _area(actuator)
         if circuit_is_free:
-            fitted_circuit = circuit_with(leak)
-            values |= circuit_values(fitted_circuit, actuator.parameter_values, node.series_resistance)[0]
+            values |= circuit_values(circuit_with(leak), actuator.parameter_values, node.series_resistance)[0]
         found.append(values)
     return found
 
@@ -172,12 +166,12 @@ class _Node:
         """The runs as a circuit without its leak sees them: drawn less, at a voltage that is lower by as much."""
         found = []
         for run, piece in zip(self.series, self.pieces(), strict=True):
-            lower = _at_knots(run, leak[piece])
+            given, lower = run.drive, _driven(run, leak[piece])
             given = replace(
-                run.drive,
-                start=run.drive.start - self.series_resistance * lower[0],
-                end=run.drive.end - self.series_resistance * lower[1],
-                present=run.drive.present - self.series_resistance * leak[piece],
+                given,
+                start=given.start - self.series_resistance * lower.start,
+                end=given.end - self.series_resistance * lower.end,
+                present=given.present - self.series_resistance * lower.present,
             )
             found.append(replace(run, drive=given, readings=run.readings - leak[piece]))
         return found
@@ -188,14 +182,9 @@ class _Node:
         found = search_poles(runs, branches, np.concatenate([run.drive.present for run in runs])[None])
         return Admittance(float(found.common[0]), found.residues, found.poles)
 
-    def at(self, fractions: Admittance, leak: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """No columns, and what a circuit leaves of the currents if this leak is taken back to nothing."""
-        answer = np.concatenate(
-            [
-                fractions.direct * run.drive.present + fractions.residues @ responses(run.drive, fractions.poles)[0]
-                for run in self.without(np.zeros_like(leak))
-            ]
-        )
+    def at(self, fractions: Admittance) -> tuple[FloatArray, FloatArray]:
+        """No columns, and what a circuit without a leak leaves of the currents."""
+        answer = np.concatenate([_answer(fractions, run.drive) for run in self.series])
         return np.zeros((0, len(answer))), self.readings - answer
 
     def around(self, fractions: Admittance, leak: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -204,16 +193,14 @@ class _Node:
         for run in self.without(leak):
             state, slope = responses(run.drive, fractions.poles)
             rows.append(np.vstack([run.drive.present, state, slope]))
-        return np.concatenate(rows, axis=1), self.at(fractions, leak)[1]
+        return np.concatenate(rows, axis=1), self.at(fractions)[1]
 
     def through(self, fractions: Admittance, columns: FloatArray) -> FloatArray:
         """What each part of a leak adds to the current, w - S Y w: it also loads the electrodes."""
         found = np.empty_like(columns)
         for number, column in enumerate(columns):
             for run, piece in zip(self.series, self.pieces(), strict=True):
-                start, end = _at_knots(run, column[piece])
-                given = replace(run.drive, start=start, end=end, present=column[piece])
-                drawn = fractions.direct * column[piece] + fractions.residues @ responses(given, fractions.poles)[0]
+                drawn = _answer(fractions, _driven(run, column[piece]))
                 found[number, piece] = column[piece] - self.series_resistance * drawn
         return found
 
@@ -221,21 +208,25 @@ class _Node:
         """Values at the rows behind 1/(1 + tau s)."""
         found = np.empty_like(values)
         for run, piece in zip(self.series, self.pieces(), strict=True):
-            start, end = _at_knots(run, values[piece])
-            given = replace(run.drive, start=start, end=end, present=values[piece])
+            given = _driven(run, values[piece])
             found[piece] = responses(given, np.array([-1.0 / time_constant]))[0][0] / time_constant
         return found
 
 
-def _at_knots(run: SearchedRun, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Values at the rows, at the start and the end of each step of the drive: flat where an edge ends the step."""
+def _answer(fractions: Admittance, given: Drive) -> FloatArray:
+    """The current of a circuit [A]."""
+    return np.asarray(fractions.direct * given.present + fractions.residues @ responses(given, fractions.poles)[0])
+
+
+def _driven(run: SearchedRun, values: FloatArray) -> Drive:
+    """A run driven by values at its rows in place of the voltage: flat where an edge ends a step of that."""
     given = run.drive
     knots = np.concatenate([[0.0], np.cumsum(given.durations[given.kind])])
     first = 0 if given.rows is None else int(given.rows[0])
     found = np.interp(knots - knots[first], run.time, values, left=0.0)
     jumps = np.abs(given.start[1:] - given.end[:-1]) > _EDGE * float(np.abs(given.start).max())
     flat = np.append(jumps, abs(given.present[-1] - given.end[-1]) > _EDGE * float(np.abs(given.start).max()))
-    return found[:-1], np.where(flat, found[:-1], found[1:])
+    return replace(given, start=found[:-1], end=np.where(flat, found[:-1], found[1:]), present=values)
 
 
 def _leaks(actuator: Actuator, node: _Node) -> FloatArray:

@@ -8,7 +8,7 @@ from typing import Final
 
 from ipmclab.identification.problem.record import PreparedRun
 from ipmclab.identification.search.starts.slow_modes import slow_modes, slow_poles, slow_values
-from ipmclab.identification.search.starts.start_coupling import motion_series, sensors
+from ipmclab.identification.search.starts.start_coupling import motion_series, of_output, sensors
 from ipmclab.identification.search.varpro import search_poles
 from ipmclab.model import Actuator
 
@@ -37,9 +37,9 @@ def relaxation_start(
     static = actuator["coupling.gain"] * actuator["coupling.zero"] / actuator["coupling.p2"]
     motion = motion_series(actuator, records, delays, known_part=actuator.replace(**off))
     for output in outputs:
-        of, slow = motion.of(output), len(slow_poles(actuator, output))
-        if not of.series or not slow:
+        of, slow = of_output(motion, output), slow_poles(actuator, output)
+        if not of or not slow:
             continue
-        found = search_poles(of.series, slow, sensors(of))
+        found = search_poles([one.run for one in of], slow, sensors(of))
         values |= slow_values(actuator, output, slow_modes(found.poles, found.residues, static))
     return values

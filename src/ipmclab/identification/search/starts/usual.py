@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.model.declared import MOTION, declaration_of, in_group
 from ipmclab.model.stages.coupling import GAIN
-
-FloatArray = npt.NDArray[np.float64]
+from ipmclab.run import FloatArray
 
 
 def usual_coupling(problem: Problem, near: FloatArray) -> FloatArray | None:
