@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -13,7 +14,7 @@ from scipy.linalg import null_space, toeplitz
 from scipy.stats import multivariate_normal
 
 from ipmclab.normal_equations import inverse
-from ipmclab.statespace.columns import Columns, constants, steps_between, whitened
+from ipmclab.statespace.columns import CONSTANTS, Columns, constants, steps_between, whitened, without
 from ipmclab.statespace.likelihood import Others, likelihood
 from ipmclab.statespace.long_run import long_run
 from ipmclab.statespace.noise_model import NoiseModel
@@ -21,6 +22,7 @@ from ipmclab.statespace.screen import needs_search
 from ipmclab.statespace.search import Allowed, choose_terms, refine, settled
 from ipmclab.statespace.shape import Shape, drawn, spread_by, structure
 from ipmclab.statespace.terms import Terms, autoregression, state_space
+from ipmclab.statespace.whitening import Whitening
 
 SEED = 20261121
 STEP = 0.1
@@ -79,6 +81,30 @@ def test_whitening_is_the_inverse_of_the_cholesky_factor(terms: Terms, entries: 
     found, logarithm = columns.whitened(terms, np.array(entries))
     np.testing.assert_allclose(found, np.linalg.solve(factor, columns.matrix), atol=1e-9)
     assert logarithm == pytest.approx(2.0 * np.log(factor.diagonal()).sum(), abs=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("terms", "column"),
+    [
+        (Terms(1, trend=True), lambda time: (time - time[0])[:, None]),
+        (Terms(1, offset=True), lambda time: np.ones((len(time), 1))),
+        (Terms(1, offset=True, trend=True), lambda time: np.column_stack([np.ones(len(time)), time])),
+    ],
+    ids=["trend", "offset", "both"],
+)
+def test_a_trend_alone_begins_at_the_first_reading(terms: Terms, column: Callable[[Array], Array]) -> None:
+    """An offset that is asked elsewhere is the one there: a trend about the middle would move it too."""
+    time, columns = readings(gaps=True)
+    entries, others = np.array([0.8]), columns.matrix[:, CONSTANTS:]
+    white = np.linalg.cholesky(np.linalg.inv(dense(terms, (0.8,), time))).T
+    own = white @ column(time)
+    left = white @ others - own @ np.linalg.lstsq(own, white @ others, rcond=None)[0]
+    found, _ = without(columns.products(terms, entries)[0], terms)
+    np.testing.assert_allclose(found, left.T @ left, rtol=1e-9, atol=1e-9)
+    inside = np.ones(len(time), dtype=bool)
+    whitening = Whitening.of(terms, entries, 1.0, time, columns.steps, inside)
+    rows = whitening.apply(others.T)
+    np.testing.assert_allclose(rows @ rows.T, left.T @ left, rtol=1e-9, atol=1e-9)
 
 
 @pytest.mark.parametrize("gaps", [False, True], ids=["every row", "gaps"])

@@ -97,5 +97,9 @@ def without(products: FloatArray, terms: Terms) -> tuple[FloatArray, float]:
     else:
         kept = [*held, *range(CONSTANTS, len(products))]
         left = products[np.ix_(kept, kept)]
+        if terms.trend:  # as in ``held_constants``: so much of an offset is in it
+            left[0] += products[0, kept]
+            left[:, 0] += products[kept, 0]
+            left[0, 0] += products[0, 0]
     logarithm = eliminate(left, len(held))
     return left[len(held) :, len(held) :].copy(), float(logarithm)

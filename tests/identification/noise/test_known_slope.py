@@ -1,4 +1,4 @@
-"""A drift that rows at 0 V show: they are fitted, and say what is known beforehand; they count once."""
+"""A drift beside rows at 0 V: what they say of it counts once, and the zero that they show is that of these rows."""
 
 import numpy as np
 import scipy.linalg
@@ -43,3 +43,23 @@ def test_errors_beside_a_drift_are_those_of_one_regression() -> None:
     expected = dict(zip([unknown.name for unknown in under.problem.unknowns], moved, strict=True))
     told = [one.standard_error / one.value for one in fit.parameters.values()]
     np.testing.assert_allclose(told, [expected[name] for name in fit.parameters], rtol=0.03)
+
+
+def test_a_zero_that_rows_at_0_v_show_stays_there_under_a_drift() -> None:
+    """The drift went through zero at the middle of the record, and took the zero of these rows to its bound."""
+    strip, noise = load_actuator("friend-2"), np.random.default_rng(20261128)
+    runs = []
+    for signal, drift in (("step 1 V delay=1 s", 0.6e-3), ("sine 1 V 0.1 Hz", 0.0)):
+        clean = simulate(strip, signal, duration=40.0, rate=50.0)
+        assert clean.current is not None
+        added = drift * (clean.time / 40.0 - 0.5) + 1e-4 * noise.standard_normal(len(clean))
+        runs.append(Run.from_arrays(time=clean.time, voltage=clean.voltage, current=clean.current + added))
+    fit = identify(strip, runs, free="electrical")
+    assert {one.verdict for one in fit.diagnoses} == {"autocorrelated"}  # by the drift alone
+    assert "model-incomplete" not in [finding.code for finding in fit.findings]
+    zero = fit.parameters["observation.offset.current[0]"]
+    assert zero.determined
+    assert zero.interval[0] < -0.3e-3 < zero.interval[1]
+    for name, parameter in fit.parameters.items():
+        if name in strip.parameter_values:
+            assert abs(parameter.value - strip.parameter_values[name]) < 4.0 * parameter.standard_error, name

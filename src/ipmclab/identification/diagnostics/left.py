@@ -73,7 +73,10 @@ class Left:
             known.get((record.place, output)) or Piece.of(record, output, problem.unknowns) for record in records
         )
         white = Shape(Terms(), np.zeros(0), 1.0)
-        shapes = {piece.key: correlated.shapes.get(piece.key, white) for piece in pieces}
+        shapes = {piece.key: white for piece in pieces}
+        for key in shapes.keys() & correlated.shapes.keys():
+            unit, shape = correlated.problem.noise[key] / problem.noise[key], correlated.shapes[key]
+            shapes[key] = replace(shape, variance=unit**2 * shape.variance)
         coloured = frozenset(
             key[0]
             for key, shape in shapes.items()
