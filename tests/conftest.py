@@ -92,6 +92,24 @@ def require() -> Callable[..., None]:
     return check
 
 
+@pytest.fixture(scope="module")
+def finished_here() -> Iterator[None]:
+    """Run files are made in this process: one of its own for each takes half a second of a processor to start.
+
+    That a run file comes from a process of its own, which may crash, is for the tests of ``tests/store`` and of the
+    recorder.
+    """
+    from ipmclab.store.journal import finalise, recover
+
+    def finish(journal: str | os.PathLike[str], laboratory: str | os.PathLike[str]) -> object:
+        return finalise.finish_here(Path(journal), finalise.Laboratory.open(laboratory))
+
+    with pytest.MonkeyPatch.context() as patch:
+        for module in (finalise, recover):
+            patch.setattr(module, "finish", finish)
+        yield
+
+
 @pytest.fixture(scope="module", autouse=True)
 def brief_collections() -> None:
     """Let the garbage collector pass over all that was imported: looking at it stops every thread for half a second.

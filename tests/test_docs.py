@@ -47,7 +47,7 @@ def own_stages() -> Iterator[None]:
         unregister(kind.name)
 
 
-@pytest.mark.usefixtures("own_stages")
+@pytest.mark.usefixtures("own_stages", "finished_here")
 @pytest.mark.parametrize("page", list(pages_with_examples()), ids=lambda page: str(page.relative_to(ROOT)))
 def test_examples_on(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The page's sessions give what they show, and its commands end well."""

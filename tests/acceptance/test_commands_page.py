@@ -7,11 +7,14 @@ import re
 import shlex
 from pathlib import Path
 
+import pytest
+
 from ipmclab.cli.app import GROUPS, VERBS, run
 
 PAGE = Path(__file__).parents[2] / "docs" / "commands.md"
 
 
+@pytest.mark.usefixtures("finished_here")
 def test_the_commands_page_runs(tmp_path: Path, monkeypatch, capsys) -> None:
     page = PAGE.read_text(encoding="utf-8")
     blocks = re.findall(r"```(\w+)\n(.*?)```", page, flags=re.DOTALL)

@@ -24,6 +24,8 @@ from ipmclab.errors import IpmclabError
 from ipmclab.store.journal.laboratory import Laboratory
 from tests.campaign.carried_out import begun, carry_out
 
+pytestmark = pytest.mark.usefixtures("finished_here")
+
 CAMPAIGN = MODELLED.replace("seed = 7", "seed = 7\nidentify = false")
 """A kill is about runs: without the models of the samples, which take most of the time."""
 

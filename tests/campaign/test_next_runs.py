@@ -18,6 +18,8 @@ from ipmclab.cli.app import run
 from ipmclab.store.journal.laboratory import Laboratory
 from tests.campaign.carried_out import carry_out
 
+pytestmark = pytest.mark.usefixtures("finished_here")
+
 CAMPAIGN = """
 title = "two strips"   # a comment that stays
 identify = false

@@ -24,6 +24,8 @@ from ipmclab.prediction.headline import READINGS
 from ipmclab.quality.metrics import Metric
 from ipmclab.store.run_file import read_run
 
+pytestmark = pytest.mark.usefixtures("finished_here")
+
 CAMPAIGN = """
 title = "a part of <chapter 5>"
 rig = "{rig}"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 from pathlib import Path
 
 import h5netcdf
@@ -75,21 +76,28 @@ def expect(done, status: int, *parts: str) -> None:
 
 
 @pytest.fixture(autouse=True)
-def files(tmp_path: Path) -> None:
+def files(made: Path, tmp_path: Path) -> None:
+    shutil.copytree(made, tmp_path, dirs_exist_ok=True)
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("made")
     time = np.arange(100) * 0.02
     rng = np.random.default_rng(20261121)
     step = Run.from_arrays(time=time, voltage=np.ones(100), current=0.01 + 1e-4 * rng.standard_normal(100))
-    write_run(step, tmp_path / "step.nc")
-    (tmp_path / "empty.nc").touch()
-    (tmp_path / "cut.nc").write_bytes((tmp_path / "step.nc").read_bytes()[:5000])
-    (tmp_path / "text.nc").write_text("hello", encoding="utf-8")
-    (tmp_path / "folder.nc").mkdir()
-    (tmp_path / "record.csv").write_text("time,voltage,current\n0,0,0\n0.02,1,0.06\n0.04,1,0.05\n", encoding="utf-8")
+    write_run(step, folder / "step.nc")
+    (folder / "empty.nc").touch()
+    (folder / "cut.nc").write_bytes((folder / "step.nc").read_bytes()[:5000])
+    (folder / "text.nc").write_text("hello", encoding="utf-8")
+    (folder / "folder.nc").mkdir()
+    (folder / "record.csv").write_text("time,voltage,current\n0,0,0\n0.02,1,0.06\n0.04,1,0.05\n", encoding="utf-8")
     rows = "\n".join(f"{second},0.5" for second in range(201))
-    (tmp_path / "long.csv").write_text(f"time [s],voltage [V]\n{rows}\n", encoding="utf-8")
-    with h5netcdf.File(tmp_path / "other.nc", "w") as file:
+    (folder / "long.csv").write_text(f"time [s],voltage [V]\n{rows}\n", encoding="utf-8")
+    with h5netcdf.File(folder / "other.nc", "w") as file:
         file.dimensions = {"x": 3}
         file.create_variable("sea_level", ("x",), data=np.arange(3.0))
+    return folder
 
 
 @pytest.mark.parametrize(

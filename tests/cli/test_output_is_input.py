@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -93,19 +94,25 @@ SUFFIXES |= {"--figure": ".svg", "--report": ".html", "--plot": ".svg"}
 
 
 @pytest.fixture
-def files(tmp_path: Path) -> Path:
+def files(made: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(made, tmp_path, dirs_exist_ok=True))
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("made")
     time = np.arange(100) * 0.02
     noise = 1e-4 * np.random.default_rng(20261122).standard_normal(100)
     about = RunMetadata(sample=Sample(id="strip-1"), starts_from_rest=True)
     for name, current in (("run", 0.01 + noise), ("push", noise)):
         run = Run.from_arrays(time=time, voltage=np.ones(100), current=current, force=noise, displacement=noise)
-        write_run(Run.from_arrays(**{**run.channels, "time": time}, metadata=about), tmp_path / f"{name}.nc")
-    write_actuator(load_actuator("friend-2"), tmp_path / "strip.toml")
-    write_actuator(load_actuator("friend-2"), tmp_path / "fitted.toml")
-    (tmp_path / "record.csv").write_text("time,voltage,current\n0,0,0\n0.02,1,0.06\n0.04,1,0.05\n", encoding="utf-8")
-    (tmp_path / "map.toml").write_text(MAP, encoding="utf-8")
-    (tmp_path / "p.toml").write_text(PROCEDURE, encoding="utf-8")
-    return tmp_path
+        write_run(Run.from_arrays(**{**run.channels, "time": time}, metadata=about), folder / f"{name}.nc")
+    write_actuator(load_actuator("friend-2"), folder / "strip.toml")
+    write_actuator(load_actuator("friend-2"), folder / "fitted.toml")
+    (folder / "record.csv").write_text("time,voltage,current\n0,0,0\n0.02,1,0.06\n0.04,1,0.05\n", encoding="utf-8")
+    (folder / "map.toml").write_text(MAP, encoding="utf-8")
+    (folder / "p.toml").write_text(PROCEDURE, encoding="utf-8")
+    return folder
 
 
 def refused(done: Outcome, option: str, output: Path, victim: Path, content: bytes) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import uuid
 from datetime import datetime, timedelta
 from pathlib import Path
@@ -52,9 +53,15 @@ def record(
 
 
 @pytest.fixture
-def lab(tmp_path: Path) -> Path:
+def lab(recorded: Path, tmp_path: Path) -> Path:
+    """A copy of the folder for each test."""
+    return Path(shutil.copytree(recorded, tmp_path / "lab"))
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two mountings of strip-1 on one day, one run of strip-2 two days later, a damaged file."""
-    folder = tmp_path / "lab"
+    folder = tmp_path_factory.mktemp("recorded")
     first, second = {"mounting_id": "m1"}, {"mounting_id": "m2"}
     fingerprint = {"purpose": "fingerprint", "signal": "step 0 V for 2 s then step 0.1 V for 5 s", "state": "complete"}
     record(folder / "1.nc", minutes=6.0, minutes_out_of_water=6.0, **first, **fingerprint)

@@ -45,7 +45,7 @@ def test_a_channel_of_noise_is_left_out_and_said() -> None:
     silent = 1e-4 * np.random.default_rng(SEED).standard_normal(2000)
     with_noise = [replace(run, force=silent) for run in runs]
     assert all("noise-only" in {finding.code for finding in check(run)} for run in with_noise)
-    here, there = identify(FRIEND, runs, free="coupling"), identify(FRIEND, with_noise, free="coupling")
+    here, there = (brief(FRIEND, given, "coupling", followed=False) for given in (runs, with_noise))
     for name, parameter in here.parameters.items():
         assert there.parameters[name].value == pytest.approx(parameter.value, rel=1e-6), name
     told = [finding for finding in there.findings if finding.code == "channel-left-out"]
@@ -159,7 +159,7 @@ def test_the_late_contact_of_a_real_step(real_runs: Path) -> None:
             "circuit.sheet_resistance": 30.0 / 12.0,
         }
     )
-    fit = identify(strip, [cut])
+    fit = brief(strip, [cut], followed=False)
     assert "contact-missing" in codes(fit)
     rho = fit.parameters[RHO_1]
     # Two branches leave far more of this current than its noise, and that counts: the first branch is open.
@@ -191,7 +191,7 @@ def test_one_record_is_read_in_one_way() -> None:
         metadata=RunMetadata(starts_from_rest=False),
     )
     for given in (runs, [runs[0], cut]):
-        fit = brief(FRIEND, given)
+        fit = brief(FRIEND, given, followed=False)
         validation = validate(fit.actuator, given)
         for residuals, one in zip(fit.residuals, validation.runs, strict=True):
             assert one.scores["current"].rmse == pytest.approx(rms(residuals["current"]), rel=1e-6)
@@ -202,8 +202,8 @@ def test_a_second_fit_reads_a_run_as_the_first_did() -> None:
         measured("step 1 V delay=2 s", "current", "displacement", hold="unknown"),
         measured("sine 1 V 0.1 Hz", "current", "displacement", seed=1, hold="unknown"),
     ]
-    first = brief(FRIEND, runs)
-    second = brief(first.actuator, runs, "coupling")
+    first = brief(FRIEND, runs, followed=False)
+    second = brief(first.actuator, runs, "coupling", followed=False)
     for before, after in zip(first.observations, second.observations, strict=True):
         assert after.delay == before.delay
         assert after.offset.get("current", 0.0) == before.offset.get("current", 0.0)
@@ -252,7 +252,7 @@ def test_few_rows_are_refused_or_their_fit_says_that_it_is_worth_nothing(rows: i
         with pytest.raises(InputError, match=r"voltage is zero throughout|6 unknowns for \d usable readings"):
             identify(FRIEND, [short])
         return
-    fit = identify(FRIEND, [short])
+    fit = brief(FRIEND, [short], followed=False)
     left, varies = rms(fit.residuals[0]["current"]), float(np.std(short.current))
     said = "model-explains-nothing" in codes(fit)
     assert said == (left >= 0.5 * varies)
@@ -266,7 +266,7 @@ def test_a_model_that_explains_some_says_how_much() -> None:
     assert run.current is not None
     size = math.sqrt(2.0) * float(np.std(run.current))
     mixed = replace(run, current=run.current + 0.75 * size * np.sin(2 * np.pi * 0.35 * run.time))
-    (told,) = (one for one in identify(FRIEND, [mixed]).findings if one.code == "model-explains-nothing")
+    (told,) = (one for one in brief(FRIEND, [mixed], followed=False).findings if one.code == "model-explains-nothing")
     percent = re.search(r"the model explains only (\d+) % of the variance of the current: it leaves", told.message)
     assert percent is not None
     assert int(percent[1]) == pytest.approx(64, abs=2)

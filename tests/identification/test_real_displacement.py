@@ -68,7 +68,9 @@ def test_of_two_starts_at_the_floor_the_lower_one_is_followed_too(real_runs: Pat
 def test_a_zero_and_a_slow_start_that_cancel_are_no_bending(real_runs: Path) -> None:
     """Both are metres in that fit: "the displacement reaches 1.965e+04 mm" was said of a motion of 1.3 mm."""
     assert real_runs.is_dir()
-    fit = brief(with_stages(strip(), "relaxation.displacement=1"), motion("step_1V", 0.2, 60.0), RELAXING)
+    fit = brief(
+        with_stages(strip(), "relaxation.displacement=1"), motion("step_1V", 0.2, 60.0), RELAXING, followed=False
+    )
     assert fit.observations[0].start == "free"
     assert abs(fit.observations[0].offset["displacement"]) > 1.0
     assert not [finding for finding in fit.findings if finding.code == "large-bending"]
@@ -90,7 +92,8 @@ def test_what_wanders_at_0_v_is_no_strip_in_motion(real_runs: Path) -> None:
 def circuit_known(record: str, last: float) -> tuple[Actuator, Run]:
     """A step with its displacement and current, and the strip with the circuit that the current has there."""
     whole = cut(every()[record], -20.0, last, channels=("current", "displacement"))
-    return brief(strip(), replace(whole, displacement=None), "electrical,circuit.sheet_resistance").actuator, whole
+    found = brief(strip(), replace(whole, displacement=None), "electrical,circuit.sheet_resistance", followed=False)
+    return found.actuator, whole
 
 
 def left_by(actuator: Actuator, run: Run) -> float:
@@ -121,7 +124,7 @@ def test_a_ratio_of_what_may_be_of_any_size_is_not_determined(real_runs: Path) -
     """A pole of the coupling went to zero, d(0) to any size, and a ratio of 2e-16 was called known to 2 %."""
     assert real_runs.is_dir()
     run = motion("step_2V_poor", -20.0, 60.0)
-    fit = brief(with_stages(strip(), "relaxation.displacement=1"), run, RELAXING)
+    fit = brief(with_stages(strip(), "relaxation.displacement=1"), run, RELAXING, followed=False)
     assert not fit.parameters["coupling.p2"].determined
     assert not fit.parameters["relaxation.displacement.0.ratio"].determined
     (said,) = (finding.message for finding in fit.findings if finding.code == "set-point")

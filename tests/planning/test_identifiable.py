@@ -17,6 +17,7 @@ from ipmclab.identification.undetermined.exchange import series_against_branches
 from ipmclab.identification.undetermined.practical import practical_from
 from ipmclab.model import Actuator
 from ipmclab.model.variants import with_stages
+from tests.identification.brief import brief
 from tests.independent.thesis import FRIEND_2, Strip, respond
 
 SEED = 20261121
@@ -173,7 +174,7 @@ def test_with_the_coupling_free_and_a_slow_mode_the_series_resistance_is_named()
     # Perfect readings would do: nothing is open by structure.
     assert identifiability(slow, free=free, outputs=["current", "force"]).is_complete
     runs = [noisy(slow, signal, ("current", "force")) for signal in SIGNALS]
-    fit = identify(slow, runs, free=free)
+    fit = brief(slow, runs, free, followed=False)
     assert not fit.parameters[RHO_1].determined
     named = next(direction for direction in fit.undetermined if RHO_1 in direction.sentence)
     assert named.sentence.startswith(f"{SHEET} is practically not determined")

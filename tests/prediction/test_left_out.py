@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -11,20 +12,24 @@ import pytest
 
 from ipmclab import Fit, InputError, identify, leave_one_run_out, read_fit, validate, write_fit
 from ipmclab.fit.in_brief import in_brief
+from tests.identification.brief import brief
 from tests.identification.many import CONTACT, ELECTRICAL, FRIEND, noisy
 
 SEED = 20261121
 SIGNALS = ("step 1 V", "sine 1 V 0.1 Hz", "square 1 V 0.1 Hz")
+
+alone = partial(brief, followed=False)
+"""No test here looks at what a model lacks, or at an interval of a parameter."""
 
 
 def test_a_run_is_predicted_as_by_a_fit_that_never_saw_it() -> None:
     """The other fit begins anew, finds its own noise and knows nothing of this one."""
     generator = np.random.default_rng(SEED)
     runs = [noisy(generator, signal, rate=rate) for signal, rate in zip(SIGNALS, (25.0, 40.0, 16.0), strict=True)]
-    fit = leave_one_run_out(identify(FRIEND, runs))
+    fit = leave_one_run_out(alone(FRIEND, runs))
     assert [one.label for one in fit.left_out] == list(SIGNALS)
     for place, one in enumerate(fit.left_out):
-        others = identify(FRIEND, [run for other, run in enumerate(runs) if other != place])
+        others = alone(FRIEND, [run for other, run in enumerate(runs) if other != place])
         score = validate(others.actuator, [runs[place]]).scores["current"]
         assert one.rmse["current"] == pytest.approx(score.rmse, rel=1e-3)
         assert one.fit_percent["current"] == pytest.approx(score.fit_percent, abs=0.01)
@@ -39,7 +44,7 @@ def test_runs_of_one_strip_are_alike() -> None:
     generator = np.random.default_rng(SEED)
     p_value, inside = [], []
     for _ in range(20):
-        fit = leave_one_run_out(identify(FRIEND, [noisy(generator, signal) for signal in SIGNALS]))
+        fit = leave_one_run_out(alone(FRIEND, [noisy(generator, signal) for signal in SIGNALS]))
         p_value += [one.p_value for one in fit.left_out]
         inside += [one.inside["current"] for one in fit.left_out]
     # 60 of them: three and a half standard deviations of an even spread.
@@ -54,11 +59,11 @@ def test_a_run_of_another_strip_is_named() -> None:
     other = FRIEND.replace(**{name: 1.2 * FRIEND[name]})
     runs = [noisy(generator, signal) for signal in (*SIGNALS, "sine 1 V 0.3 Hz")]
     runs[1] = noisy(generator, SIGNALS[1], strip=other)
-    fit = leave_one_run_out(identify(FRIEND, runs))
+    fit = leave_one_run_out(alone(FRIEND, runs))
     (said,) = [finding for finding in fit.findings if finding.code == "run-stands-out"]
     assert said.message.startswith("sine 1 V 0.1 Hz does not fit in with the other runs")
     assert max(fit.left_out, key=lambda one: one.standardised["current"]).label == SIGNALS[1]
-    pair = leave_one_run_out(identify(FRIEND, runs[:2]))
+    pair = leave_one_run_out(alone(FRIEND, runs[:2]))
     (said,) = [finding for finding in pair.findings if finding.code == "run-stands-out"]
     assert "which of them is out of place two runs cannot show" in said.message
     (line,), _ = in_brief([said])
@@ -70,7 +75,7 @@ def test_what_one_run_alone_shows_is_named_and_not_scored() -> None:
     generator = np.random.default_rng(SEED)
     current = noisy(generator, "step 1 V")
     force = noisy(generator, "square 1 V 0.2 Hz", outputs=("force",), rate=100.0, duration=20.0)
-    fit = leave_one_run_out(identify(FRIEND, [current, force], free=["electrical", "coupling.gain"]))
+    fit = leave_one_run_out(alone(FRIEND, [current, force], free=["electrical", "coupling.gain"]))
     without_current, without_force = fit.left_out
     assert "circuit.dc_resistivity" in without_current.undetermined
     assert without_current.fit_percent == {}
@@ -87,7 +92,7 @@ def test_what_each_run_has_for_itself_is_the_mean_of_the_others() -> None:
         for signal, contact in zip(signals, contacts, strict=True)
     ]
     free = ["circuit.dc_resistivity", "circuit.branches.1.resistivity"]
-    fit = leave_one_run_out(identify(FRIEND, runs, free=free, per_run=CONTACT))
+    fit = leave_one_run_out(alone(FRIEND, runs, free=free, per_run=CONTACT))
     for place, one in enumerate(fit.left_out):
         mean = float(np.mean([contact for other, contact in enumerate(contacts) if other != place]))
         scored = validate(FRIEND.replace(**{CONTACT: mean}), [runs[place]]).scores["current"]
@@ -113,7 +118,7 @@ def clamped(
     free = [leak, "circuit.branches.1.resistivity", "circuit.branches.1.permittivity"]
     own = {"per_run": CONTACT} if kind == "per_run" else {"per_mounting": CONTACT}
     endings = [f"[mounting {name}]" if kind == "per_mounting" else f"[{place}]" for place, name in enumerate(names)]
-    return leave_one_run_out(identify(FRIEND, runs, free=free, **own)), [CONTACT + ending for ending in endings]
+    return leave_one_run_out(alone(FRIEND, runs, free=free, **own)), [CONTACT + ending for ending in endings]
 
 
 @pytest.mark.parametrize("kind", ["per_run", "per_mounting"])
@@ -145,11 +150,11 @@ def test_a_contact_is_found_on_the_run_as_by_a_fit_of_it_alone() -> None:
         for contact, rate in ((0.5, 25.0), (1.5, 40.0))
     ]
     free = ["circuit.dc_resistivity", "circuit.branches.1.resistivity"]
-    fit = leave_one_run_out(identify(FRIEND, runs, free=free, per_run=CONTACT))
+    fit = leave_one_run_out(alone(FRIEND, runs, free=free, per_run=CONTACT))
     for one, run, other in zip(fit.left_out, runs, runs[::-1], strict=True):
-        theirs = identify(FRIEND, other, free=[*free, CONTACT])
+        theirs = alone(FRIEND, other, free=[*free, CONTACT])
         shared = FRIEND.replace(**{name: theirs.parameters[name].value for name in free})
-        held = validate(replace(identify(shared, run, free=CONTACT).actuator, fit_table=None), run)
+        held = validate(replace(alone(shared, run, free=CONTACT).actuator, fit_table=None), run)
         assert one.rmse["current"] == pytest.approx(held.scores["current"].rmse, rel=1e-3)
         assert one.fit_percent["current"] == pytest.approx(held.scores["current"].fit_percent, abs=0.01)
 
@@ -171,7 +176,7 @@ def test_contacts_that_differ_widely_are_no_disagreement_of_four_runs() -> None:
     for _ in range(25):
         strips = [FRIEND.replace(**{CONTACT: float(np.exp(0.5 * generator.standard_normal()))}) for _ in signals]
         runs = [noisy(generator, signal, strip=strip) for signal, strip in zip(signals, strips, strict=True)]
-        fit = leave_one_run_out(identify(FRIEND, runs, free=free, per_run=CONTACT))
+        fit = leave_one_run_out(alone(FRIEND, runs, free=free, per_run=CONTACT))
         assert "run-stands-out" not in {finding.code for finding in fit.findings}
         assert all(one.undetermined == () for one in fit.left_out)
 
@@ -181,10 +186,10 @@ def test_a_sharp_prior_is_an_exact_value(uncertainty: float) -> None:
     """However sharp: what is known a billion times better than the readings know the rest takes nothing from these."""
     generator = np.random.default_rng(SEED)
     runs = [noisy(generator, signal) for signal in SIGNALS[:2]]
-    exact = leave_one_run_out(identify(FRIEND, runs, free="electrical"))
+    exact = leave_one_run_out(alone(FRIEND, runs, free="electrical"))
     sheet = "circuit.sheet_resistance"
     known = replace(FRIEND, standard_uncertainties={sheet: uncertainty})
-    fit = leave_one_run_out(identify(known, runs, free=["electrical", sheet], prior=sheet))
+    fit = leave_one_run_out(alone(known, runs, free=["electrical", sheet], prior=sheet))
     for one, expected in zip(fit.left_out, exact.left_out, strict=True):
         assert one.shifts[sheet] == 0.0
         assert one.p_value == pytest.approx(expected.p_value, abs=0.01)
@@ -195,7 +200,7 @@ def test_a_sharp_prior_is_an_exact_value(uncertainty: float) -> None:
 
 def test_it_goes_into_the_file_and_back(tmp_path: Path) -> None:
     generator = np.random.default_rng(SEED)
-    fit = leave_one_run_out(identify(FRIEND, [noisy(generator, signal) for signal in SIGNALS[:2]]))
+    fit = leave_one_run_out(alone(FRIEND, [noisy(generator, signal) for signal in SIGNALS[:2]]))
     write_fit(fit, tmp_path / "fitted.toml")
     again = read_fit(tmp_path / "fitted.toml")
     assert again.left_out == fit.left_out
@@ -203,7 +208,7 @@ def test_it_goes_into_the_file_and_back(tmp_path: Path) -> None:
         leave_one_run_out(again)
     assert caught.value.code == "fit-without-runs"
     with pytest.raises(InputError, match="one run leaves nothing"):
-        leave_one_run_out(identify(FRIEND, noisy(generator, "step 1 V")))
+        leave_one_run_out(alone(FRIEND, noisy(generator, "step 1 V")))
 
 
 def test_runs_of_one_label_are_told_apart() -> None:
@@ -222,6 +227,6 @@ def test_how_fast_a_strip_ages_is_in_the_band_of_a_run_that_is_left_out() -> Non
     for number in (0, 1, 2, 200):
         run = noisy(generator, "sine 1 V 0.1 Hz", strip=FRIEND.replace(**{name: FRIEND[name] * 1.0005**number}))
         runs.append(replace(run, metadata=replace(run.metadata, run_number=number)))
-    fit = leave_one_run_out(identify(FRIEND, runs, free=["electrical", f"age.runs.{name}"]))
+    fit = leave_one_run_out(alone(FRIEND, runs, free=["electrical", f"age.runs.{name}"]))
     assert fit.left_out[3].inside["current"] > 0.9
     assert fit.left_out[3].standardised["current"] < 1.3

@@ -152,7 +152,7 @@ def test_every_step_of_the_thesis(tmp_path: Path) -> None:
 
 def test_pairs_repeats_and_the_baseline(tmp_path: Path) -> None:
     desk = Desk()
-    session = make(tmp_path, desk, pair=True, repeats=2, baseline=True, pause="10 min")
+    session = make(tmp_path, desk, pair=True, repeats=2, baseline=True, pause="2 min")
     recorded = session.run()
     assert [one.purpose for one in recorded] == ["baseline"] + 4 * ["signal"]
     baseline, plus, minus, _, last = runs_of(recorded)
@@ -199,7 +199,7 @@ def test_a_new_mounting_at_every_clamping_unless_it_was_kept(tmp_path: Path) -> 
 def test_a_fingerprint_outside_the_earlier_ones_is_asked_about(tmp_path: Path) -> None:
     """Three alike, then a bad contact: the operator clamps again, a new fingerprint is taken, and all of it is kept."""
     for _ in range(3):
-        make(tmp_path, Desk(), fingerprint=True, pause="5 min").run()
+        make(tmp_path, Desk(), fingerprint=True, pause="1 min").run()
     earlier = earlier_runs(Laboratory.open(tmp_path / "laboratory"), "friend-2")
     assert len(earlier.fingerprints) == 3
     # Circuit: 1 ohm of the shunt, 16.0 ohm of the strip (twice 8 ohm of its electrodes) and its first branch.
@@ -215,7 +215,7 @@ def test_a_fingerprint_outside_the_earlier_ones_is_asked_about(tmp_path: Path) -
         return asked(question, ended)
 
     desk.ask = clamp_well  # type: ignore[method-assign]
-    recorded = make(tmp_path, desk, bench, fingerprint=True, pause="5 min").run()
+    recorded = make(tmp_path, desk, bench, fingerprint=True, pause="1 min").run()
     assert desk.asked == ["fingerprint", "clamp"]
     assert [one.purpose for one in recorded] == ["fingerprint", "fingerprint", "signal"]
     first, second, run = runs_of(recorded)
@@ -226,7 +226,7 @@ def test_a_fingerprint_outside_the_earlier_ones_is_asked_about(tmp_path: Path) -
     # The bad one is among the earlier ones now: one outlier does not excuse the next.
     going_on = Desk(fingerprint="continue")
     bench.operate("contact bad")
-    recorded = make(tmp_path, going_on, bench, fingerprint=True, pause="5 min").run()
+    recorded = make(tmp_path, going_on, bench, fingerprint=True, pause="1 min").run()
     assert [one.purpose for one in recorded] == ["fingerprint", "signal"]
     assert "continue" in (read_run(recorded[-1].path).metadata.notes or "")
 

@@ -30,6 +30,7 @@ from ipmclab.model.kinds import optional_kinds
 from ipmclab.model.stages.kind import Excitation
 from ipmclab.model.variants import with_stages
 from ipmclab.statespace.terms import Terms
+from tests.identification.brief import brief
 
 SEED = 20261121
 FRIEND = load_actuator("friend-2")
@@ -127,7 +128,8 @@ def test_the_richer_model_is_named_as_it_is_loaded(tmp_path: Path) -> None:
         **{"circuit.branches.2.resistivity": 30.0, "circuit.branches.2.permittivity": 0.02}
     )
     generator = np.random.default_rng(SEED)
-    fit = identify(given, [record(strip, signal, generator) for signal in ("step 1 V", "sine 1 V 0.1 Hz")])
+    runs = [record(strip, signal, generator) for signal in ("step 1 V", "sine 1 V 0.1 Hz")]
+    fit = brief(given, runs, diagnosed=True, followed=False)
     (said,) = (finding for finding in fit.findings if finding.code == "stage-missing")
     named = said.repair.split()[1]
     assert said.repair.startswith(f"identify {tmp_path / '1V.toml'}+line.modes+branches=3 ")

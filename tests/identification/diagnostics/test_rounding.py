@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ipmclab import Run, identify, load_actuator, simulate
+from ipmclab import Run, load_actuator, simulate
 from ipmclab.model import Actuator
+from tests.identification.brief import brief
 
 STRIP = load_actuator("friend-2")
 RELAXING = load_actuator("friend-2+relaxation.displacement=1")
@@ -32,6 +33,6 @@ def rounded(strip: Actuator, step: float) -> Run:
     ("strip", "step", "is_missing"), [(STRIP, 1e-4, False), (STRIP, 1e-5, False), (RELAXING, 1e-5, True)]
 )
 def test_only_what_is_more_than_rounding_asks_for_a_stage(strip: Actuator, step: float, is_missing: bool) -> None:
-    fit = identify(STRIP, rounded(strip, step), free="electrical,coupling")
+    fit = brief(STRIP, rounded(strip, step), "electrical,coupling", diagnosed=True, followed=False)
     codes = {finding.code for finding in fit.findings}
     assert bool(codes & {"stage-missing", "model-incomplete"}) == is_missing

@@ -50,7 +50,7 @@ def test_a_step_alone_has_intervals_that_allow_for_a_drift(noise: str) -> None:
 
 
 def test_a_sine_beside_it_would_show_the_drift() -> None:
-    fit = brief(FRIEND, runs("white", np.random.default_rng(SEED)))
+    fit = brief(FRIEND, runs("white", np.random.default_rng(SEED)), followed=False)
     assert "drift-not-excluded" not in {finding.code for finding in fit.findings}
     assert not fit.observations[0].noise_model
 
@@ -75,7 +75,7 @@ def test_a_drift_beside_noise_that_hangs_together_is_allowed_for_too() -> None:
 
 def test_where_a_drift_would_leave_nothing_known_the_fit_says_that_it_rests_on_there_being_none() -> None:
     # From the row of the edge on: neither a zero nor a drift has anything to show against.
-    fit = brief(FRIEND, runs("white", np.random.default_rng(SEED), (0,), begin=250))
+    fit = brief(FRIEND, runs("white", np.random.default_rng(SEED), (0,), begin=250), followed=False)
     (told,) = (finding for finding in fit.findings if finding.code == "drift-not-excluded")
     assert "assume that there is none" in told.message
     assert not fit.observations[0].noise_model

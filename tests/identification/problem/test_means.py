@@ -12,6 +12,7 @@ from ipmclab.identification.problem import means
 from ipmclab.identification.problem.record import prepare
 from ipmclab.identification.search.tangent import entry_errors
 from ipmclab.model.outputs import simulate_outputs
+from tests.identification.brief import brief
 
 STRIP = load_actuator("friend-2+relaxation.displacement").replace(
     **{"relaxation.displacement.0.ratio": 0.6, "relaxation.displacement.0.time_constant": 60.0}
@@ -70,7 +71,7 @@ def test_squares_and_information_of_means_are_those_of_all_rows() -> None:
     assert clean.current is not None
     current = clean.current + 1e-4 * generator.standard_normal(len(clean))
     run = Run.from_arrays(time=clean.time, voltage=clean.voltage, current=current, hold="unknown")
-    estimate = identify(strip, run, free="electrical").estimate
+    estimate = brief(strip, run, followed=False).estimate
     problem, theta = estimate.problem.plain, estimate.solution.theta
     fewer = problem.on_means
     assert fewer is not None

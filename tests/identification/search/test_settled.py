@@ -120,7 +120,7 @@ def test_what_is_determined_is_at_its_minimum_beside_parameters_that_are_hardly_
     resting = RunMetadata(starts_from_rest=True)
     voltage = np.where(time > 1.0, 1.0, 0.0)
     run = Run.from_arrays(time=time, voltage=voltage, current=current, hold="zero", metadata=resting)
-    fit = brief(load_actuator("friend-2"), run, free="electrical,observation.offset.current")
+    fit = brief(load_actuator("friend-2"), run, free="electrical,observation.offset.current", followed=False)
     name = "observation.offset.current[0]"
     assert fit.parameters[name].determined
     estimate = solved(fit)

@@ -60,9 +60,9 @@ def runs(strip: Actuator, quiet: float) -> tuple[Run, ...]:
 def in_stages(stated: float, moved: float = 1.0) -> Fit:
     """The coupling after the circuit, with what is stated of the sheet resistance, or with that moved by a factor."""
     strip = SLOW.replace(**{SHEET: moved * SLOW[SHEET]})
-    circuit = brief(stating(strip, stated) if stated else strip, runs(SLOW, 0.1))
+    circuit = brief(stating(strip, stated) if stated else strip, runs(SLOW, 0.1), followed=False)
     exact = circuit.actuator if stated else replace(circuit.actuator, standard_uncertainties={})
-    return brief(exact, runs(SLOW, 0.1), "coupling")
+    return brief(exact, runs(SLOW, 0.1), "coupling", followed=False)
 
 
 @cache

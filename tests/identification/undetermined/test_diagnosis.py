@@ -13,6 +13,7 @@ from ipmclab.identification.problem.unknowns import actuator_unknown
 from ipmclab.identification.uncertainty.covariance import Uncertainty
 from ipmclab.identification.undetermined.cures import fast_modes
 from ipmclab.identification.undetermined.diagnosis import direction_of_one, directions
+from tests.identification.brief import brief
 from tests.identification.many import noisy
 
 FRIEND = load_actuator("friend-2")
@@ -144,7 +145,7 @@ def test_a_fast_branch_asks_for_rows_and_a_slow_one_for_time(moved: str, duratio
 def test_a_fixed_value_is_not_said_to_move_what_the_readings_leave_open() -> None:
     """A third branch that is not there: its parameters have a leverage that hangs on where a search ended."""
     run = noisy(np.random.default_rng(2), "step 1 V delay=1 s", duration=8.0)
-    fit = identify(load_actuator("friend-2+branches=3"), run, free="electrical")
+    fit = brief(load_actuator("friend-2+branches=3"), run, followed=False)
     open_ones = {name for name, one in fit.parameters.items() if not one.determined}
     told = [finding.message for finding in fit.findings if finding.code == "exact-fixed-value"]
     assert open_ones

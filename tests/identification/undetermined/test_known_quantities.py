@@ -38,7 +38,7 @@ def trials(strip: Actuator, free: Sequence[str], outputs: tuple[str, ...], durat
     found = []
     for _ in range(TRIALS):
         run = noisy(generator, "step 1 V delay=1 s", strip=strip, outputs=outputs, duration=duration, rate=20.0)
-        found.append(brief(strip, run, free))
+        found.append(brief(strip, run, free, followed=False))
     return found
 
 
@@ -120,7 +120,7 @@ def test_a_gain_that_may_have_either_sign_is_not_known(seed: int, is_known: bool
     assert clean.force is not None
     read = clean.force + 2e-4 * np.random.default_rng(seed).standard_normal(len(clean))
     run = Run.from_arrays(time=clean.time, voltage=clean.voltage, force=read, hold=clean.hold)
-    known = {one.name: one for one in identify(STRIP, run, free="coupling").known}
+    known = {one.name: one for one in brief(STRIP, run, "coupling", followed=False).known}
     assert ("force.static_gain" in known) == is_known
 
 
@@ -224,7 +224,7 @@ def test_what_needs_a_fixed_value_says_so() -> None:
     run = noisy(np.random.default_rng(1), "step 1 V delay=1 s", outputs=("displacement",), duration=15.0, rate=20.0)
 
     def static(strip: Actuator) -> Known:
-        return {one.name: one for one in identify(strip, run, free="coupling").known}["coupling.static"]
+        return {one.name: one for one in brief(strip, run, "coupling", followed=False).known}["coupling.static"]
 
     exact = static(STRIP)
     assert exact.leans[0] == THICKNESS
