@@ -21,8 +21,8 @@ from ipmclab.model.environment.track_loop import (
 from ipmclab.model.numerics.compiled import kernel
 from ipmclab.model.numerics.course import Course
 from ipmclab.model.numerics.dense_loop import LawTable
-from ipmclab.model.numerics.kernels import multiply
 from ipmclab.model.numerics.law_loop import solve_several
+from ipmclab.model.numerics.vectors_loop import WIDTH, alike, begin_of, load, store
 
 FloatArray = npt.NDArray[np.float64]
 IndexArray = npt.NDArray[np.int64]
@@ -176,7 +176,7 @@ def drifting(
     n, m, given = march.x.shape[0], forms.shape[0], start.shape[1]
     columns = 2 * given + n + m
     moves, reads = np.empty(knots.moves.shape[2]), np.empty(knots.reads.shape[1])
-    step, law_end = moves[: n * columns].reshape(1, n, columns), moves[n * columns : n * (columns + m)].reshape(n, m)
+    step, law_end = moves[: n * columns].reshape(n, columns), moves[n * columns : n * (columns + m)].reshape(n, m)
     drop, within = moves[n * (columns + m) :].reshape(m, m), reads[reads.shape[0] - m * m :].reshape(m, m)
     seen = given + n
     shown = (reads.shape[0] - m * m - m * seen) // (seen + m)
@@ -184,7 +184,10 @@ def drifting(
     ports = reads[shown * (seen + m) : reads.shape[0] - m * m].reshape(m, seen)
     lines, read_lines = no_lines(knots.moves.shape[0], moves.shape[0]), no_lines(1, reads.shape[0])
     x, now = march.x, _AtLaws(np.empty(m), march.laws[:m], march.laws[m:], np.full(given, np.nan))
-    base, from_here = np.empty(n), np.empty(columns)
+    # The step by columns, filled up with zeros: all sums are made at once, in the order of the columns.
+    width = -(-n // WIDTH) * WIDTH
+    by_columns, base, from_here = np.zeros(columns * width), np.empty(width), np.empty(columns)
+    first_column, result, at_end = begin_of(by_columns), begin_of(base), base[:n]
     i = first
     while i < count:
         last = _last_in(ends, i, count, walk[NOW] + stay(track, panel, walk))
@@ -198,6 +201,9 @@ def drifting(
             if interval[j] != kind:
                 kind = interval[j]
                 numbers_there(panel, knots.moves[kind], walk, lines, kind, moves)
+                for c in range(columns):
+                    for s in range(n):
+                        by_columns[c * width + s] = step[s, c]
             if row[j] >= 0:
                 if m > 0 and not _was_seen(reading, row[j], now):
                     _see(ports, reading, row[j], x, now)
@@ -209,10 +215,14 @@ def drifting(
                 if not solve_several(forms, coefficients, within, now.r, now.p, now.w):
                     return j, False
             _begin(start, end, j, x, now.w, from_here)
-            multiply(step, 0, from_here, base)
+            for b in range(0, width, WIDTH):
+                sums = alike(0.0)
+                for c in range(columns):
+                    sums = sums + load(first_column, c * width + b) * alike(from_here[c])
+                store(result, b, sums)
             length = ends[j + 1] - ends[j]
             if m > 0:
-                _see(ports, end, j, base, now)
+                _see(ports, end, j, at_end, now)
                 if not solve_several(forms, coefficients, drop, now.r, now.p, now.w):
                     return j, False
                 for l in range(m):  # noqa: E741
