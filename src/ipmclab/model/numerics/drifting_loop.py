@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -22,6 +23,7 @@ from ipmclab.model.numerics.compiled import kernel
 from ipmclab.model.numerics.course import Course
 from ipmclab.model.numerics.dense_loop import LawTable
 from ipmclab.model.numerics.law_loop import solve_several
+from ipmclab.model.numerics.law_near_loop import ANCHOR, solve_near
 from ipmclab.model.numerics.vectors_loop import WIDTH, alike, begin_of, load, store
 
 FloatArray = npt.NDArray[np.float64]
@@ -113,6 +115,20 @@ def _was_seen(inputs: FloatArray, i: int, now: _AtLaws) -> bool:
 
 
 @kernel
+def _solve(table: LawTable, q: FloatArray, now: _AtLaws, anchor: FloatArray) -> bool:
+    """Find p and w from r, beside the last ones; False where there is no solution.
+
+    One law is expanded about an anchor, which is laid anew where q has changed: zeros then.
+    """
+    forms, coefficients = table
+    if forms.shape[0] > 1:
+        return solve_several(forms, coefficients, q, now.r, now.p, now.w)
+    k, about = begin_of(coefficients), begin_of(anchor)
+    now.p[0], now.w[0] = solve_near(forms[0], k, q[0, 0], now.r[0], now.p[0], about)
+    return not math.isnan(now.p[0])
+
+
+@kernel
 def _write(read: FloatArray, reading: FloatArray, k: int, x: FloatArray, w: FloatArray, outputs: FloatArray) -> None:
     """The outputs of row k."""
     given, n = reading.shape[1], x.shape[0]
@@ -172,8 +188,7 @@ def drifting(
     """
     interval, start, end, row, reading = drive.course
     count, walk, ends = interval.shape[0], march.walk, drive.ends
-    forms, coefficients = table
-    n, m, given = march.x.shape[0], forms.shape[0], start.shape[1]
+    n, m, given = march.x.shape[0], table.forms.shape[0], start.shape[1]
     columns = 2 * given + n + m
     moves, reads = np.empty(knots.moves.shape[2]), np.empty(knots.reads.shape[1])
     step, law_end = moves[: n * columns].reshape(n, columns), moves[n * columns : n * (columns + m)].reshape(n, m)
@@ -188,6 +203,7 @@ def drifting(
     width = -(-n // WIDTH) * WIDTH
     by_columns, base, from_here = np.zeros(columns * width), np.empty(width), np.empty(columns)
     first_column, result, at_end = begin_of(by_columns), begin_of(base), base[:n]
+    instant_anchor, end_anchor = np.zeros(ANCHOR), np.zeros(ANCHOR)
     i = first
     while i < count:
         last = _last_in(ends, i, count, walk[NOW] + stay(track, panel, walk))
@@ -195,24 +211,26 @@ def drifting(
             return i, True
         numbers_there(panel, knots.reads, walk, read_lines, 0, reads)
         now.seen[:] = np.nan
+        instant_anchor[:] = 0.0
         expected, room = expect(track, panel, walk)
         lost, flowed, kind = 0.0, 0.0, -1
         for j in range(i, last):
             if interval[j] != kind:
                 kind = interval[j]
                 numbers_there(panel, knots.moves[kind], walk, lines, kind, moves)
+                end_anchor[:] = 0.0
                 for c in range(columns):
                     for s in range(n):
                         by_columns[c * width + s] = step[s, c]
             if row[j] >= 0:
                 if m > 0 and not _was_seen(reading, row[j], now):
                     _see(ports, reading, row[j], x, now)
-                    if not solve_several(forms, coefficients, within, now.r, now.p, now.w):
+                    if not _solve(table, within, now, instant_anchor):
                         return j, False
                 _write(read, reading, row[j], x, now.w, outputs)
             if m > 0 and not _was_seen(start, j, now):
                 _see(ports, start, j, x, now)
-                if not solve_several(forms, coefficients, within, now.r, now.p, now.w):
+                if not _solve(table, within, now, instant_anchor):
                     return j, False
             _begin(start, end, j, x, now.w, from_here)
             for b in range(0, width, WIDTH):
@@ -223,7 +241,7 @@ def drifting(
             length = ends[j + 1] - ends[j]
             if m > 0:
                 _see(ports, end, j, at_end, now)
-                if not solve_several(forms, coefficients, drop, now.r, now.p, now.w):
+                if not _solve(table, drop, now, end_anchor):
                     return j, False
                 for l in range(m):  # noqa: E741
                     lost += abs(now.w[l]) * length
@@ -242,7 +260,7 @@ def drifting(
         if i == count and row[i] >= 0:
             if m > 0 and not _was_seen(reading, row[i], now):
                 _see(ports, reading, row[i], x, now)
-                if not solve_several(forms, coefficients, within, now.r, now.p, now.w):
+                if not _solve(table, within, now, instant_anchor):
                     return i, False
             _write(read, reading, row[i], x, now.w, outputs)
     return i, True
