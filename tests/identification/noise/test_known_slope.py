@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import scipy.linalg
+import scipy.signal
 
 from ipmclab import Run, RunMetadata, identify, load_actuator, simulate
 from ipmclab.identification.diagnostics.left import Left
@@ -86,3 +87,18 @@ def test_what_is_left_without_a_drift_is_held_against_the_noise_that_was_found_w
     assert left.problem.noise[0, "current"] > 1.5 * found.problem.noise[0, "current"]
     for key, shape in left.shapes.items():
         assert left.problem.noise[key] * np.sqrt(shape.variance) == pytest.approx(1e-4, rel=0.05)
+
+
+def test_a_drift_that_one_run_shows_has_a_zero_beside_it_in_the_other() -> None:
+    """Through zero at the first reading it left 15 of 60 dc resistivities outside their intervals, and now 5."""
+    strip, noise, runs = load_actuator("friend-2"), np.random.default_rng(20261129), []
+    for signal, drift in (("step 1 V delay=5 s", 0.6e-3), ("step -1 V delay=2 s", 0.06e-3)):
+        clean = simulate(strip, signal, duration=40.0, rate=25.0)
+        assert clean.current is not None
+        error = 1e-4 * scipy.signal.lfilter([0.8], [1.0, -0.6], noise.standard_normal(len(clean)))
+        added = drift * (clean.time / 40.0 - 0.5) + error
+        runs.append(Run.from_arrays(time=clean.time, voltage=clean.voltage, current=clean.current + added))
+    found = solved(brief(strip, runs, "circuit.dc_resistivity", followed=False))
+    assert [unknown.name for unknown in found.problem.unknowns][1:] == ["observation.offset.current[0]"]
+    constants = [(shape.terms.offset, shape.terms.trend) for shape in found.correlated.shapes.values()]
+    assert constants == [(False, True), (True, True)]
