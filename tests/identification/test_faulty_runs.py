@@ -252,7 +252,7 @@ def test_few_rows_are_refused_or_their_fit_says_that_it_is_worth_nothing(rows: i
         with pytest.raises(InputError, match=r"voltage is zero throughout|6 unknowns for \d usable readings"):
             identify(FRIEND, [short])
         return
-    fit = brief(FRIEND, [short], followed=False)
+    fit = identify(FRIEND, [short])
     left, varies = rms(fit.residuals[0]["current"]), float(np.std(short.current))
     said = "model-explains-nothing" in codes(fit)
     assert said == (left >= 0.5 * varies)

@@ -20,6 +20,7 @@ from ipmclab import (
     load_actuator,
     read_fit,
     sample_posterior,
+    simulate,
     write_fit,
     write_posterior,
 )
@@ -93,6 +94,16 @@ def test_noise_that_hangs_together_is_in_it_and_so_is_a_fixed_value_that_is_not_
     assert found.parameters[SERIES].standard_deviation < 0.5 * 0.02
     exact = identify(FRIEND, [measured(fading=0.8, resting=100)], free=[DC, SERIES])
     assert_agrees(found, exact, within=0.15)
+
+
+def test_a_drift_begins_where_the_zero_stands_that_rows_at_0_v_show() -> None:
+    """It went through zero at the middle of the record: the zero was at its bound, and the dc path 15 errors off."""
+    clean, noise = simulate(FRIEND, "step 1 V delay=1 s", duration=40.0, rate=50.0), np.random.default_rng(20261128)
+    current = clean.current + 0.6e-3 * (clean.time / 40.0 - 0.5) + 1e-4 * noise.standard_normal(len(clean))
+    fit = identify(FRIEND, Run.from_arrays(time=clean.time, voltage=clean.voltage, current=current), free=DC)
+    assert set(fit.parameters) == {DC, "observation.offset.current[0]"}
+    assert fit.observations[0].noise_model["current"].trend
+    assert_agrees(sample_posterior(fit), fit, within=0.15)
 
 
 def test_what_is_said_of_a_walker_does_not_depend_on_the_others(monkeypatch: pytest.MonkeyPatch) -> None:

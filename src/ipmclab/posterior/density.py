@@ -19,7 +19,7 @@ from ipmclab.identification.solved import Estimate
 from ipmclab.model.parameters import Parameter
 from ipmclab.posterior.coordinates import WIDEST, Straight, coordinates
 from ipmclab.posterior.many import in_reference, residuals
-from ipmclab.statespace.columns import constants, steps_between, whitened
+from ipmclab.statespace.columns import held_constants, steps_between, whitened
 from ipmclab.statespace.terms import Terms, state_space
 
 FloatArray = npt.NDArray[np.float64]
@@ -131,7 +131,7 @@ class Density:
                 self._noise[key] = _Noise(
                     terms,
                     slice(len(limits), len(limits) + terms.shapes),
-                    constants(time)[:, terms.held],
+                    held_constants(time, terms)[0],
                     steps_between(time, record.step),
                     record.readings[output].exact_of_used,
                     solved.noise[key] <= AT_FLOOR * solved.floors[key],

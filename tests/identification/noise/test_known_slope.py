@@ -1,9 +1,15 @@
 """A drift beside rows at 0 V: what they say of it counts once, and the zero that they show is that of these rows."""
 
 import numpy as np
+import pytest
 import scipy.linalg
+import scipy.signal
 
 from ipmclab import Run, RunMetadata, identify, load_actuator, simulate
+from ipmclab.identification.diagnostics.left import Left
+from ipmclab.identification.solved import solved
+from ipmclab.model import Actuator
+from tests.identification.brief import brief
 
 
 def test_errors_beside_a_drift_are_those_of_one_regression() -> None:
@@ -45,21 +51,54 @@ def test_errors_beside_a_drift_are_those_of_one_regression() -> None:
     np.testing.assert_allclose(told, [expected[name] for name in fit.parameters], rtol=0.03)
 
 
-def test_a_zero_that_rows_at_0_v_show_stays_there_under_a_drift() -> None:
-    """The drift went through zero at the middle of the record, and took the zero of these rows to its bound."""
-    strip, noise = load_actuator("friend-2"), np.random.default_rng(20261128)
-    runs = []
+def drifting(strip: Actuator) -> list[Run]:
+    """A step whose current is read with a drift, behind 1 s at 0 V, and a sine without one; noise of 0.1 mA."""
+    noise, runs = np.random.default_rng(20261128), []
     for signal, drift in (("step 1 V delay=1 s", 0.6e-3), ("sine 1 V 0.1 Hz", 0.0)):
         clean = simulate(strip, signal, duration=40.0, rate=50.0)
         assert clean.current is not None
         added = drift * (clean.time / 40.0 - 0.5) + 1e-4 * noise.standard_normal(len(clean))
         runs.append(Run.from_arrays(time=clean.time, voltage=clean.voltage, current=clean.current + added))
-    fit = identify(strip, runs, free="electrical")
+    return runs
+
+
+def test_a_zero_that_rows_at_0_v_show_stays_there_under_a_drift() -> None:
+    """The drift went through zero at the middle of the record, and took the zero of these rows to its bound."""
+    strip = load_actuator("friend-2")
+    fit = identify(strip, drifting(strip), free="electrical")
     assert {one.verdict for one in fit.diagnoses} == {"autocorrelated"}  # by the drift alone
     assert "model-incomplete" not in [finding.code for finding in fit.findings]
     zero = fit.parameters["observation.offset.current[0]"]
     assert zero.determined
     assert zero.interval[0] < -0.3e-3 < zero.interval[1]
+    assert fit.observations[0].offset["current"] == zero.value
+    for residuals in fit.residuals:
+        assert np.sqrt(np.mean(residuals["current"] ** 2)) == pytest.approx(1e-4, rel=0.05)
     for name, parameter in fit.parameters.items():
         if name in strip.parameter_values:
             assert abs(parameter.value - strip.parameter_values[name]) < 4.0 * parameter.standard_error, name
+
+
+def test_what_is_left_without_a_drift_is_held_against_the_noise_that_was_found_with_it() -> None:
+    """Each problem has the scatter that it leaves as its unit, and a noise is found in that of one of them."""
+    strip = load_actuator("friend-2")
+    found = solved(brief(strip, drifting(strip), "circuit.dc_resistivity"))
+    left = Left.of(found, "current")
+    assert left.problem.noise[0, "current"] > 1.5 * found.problem.noise[0, "current"]
+    for key, shape in left.shapes.items():
+        assert left.problem.noise[key] * np.sqrt(shape.variance) == pytest.approx(1e-4, rel=0.05)
+
+
+def test_a_drift_that_one_run_shows_has_a_zero_beside_it_in_the_other() -> None:
+    """Through zero at the first reading it left 15 of 60 dc resistivities outside their intervals, and now 5."""
+    strip, noise, runs = load_actuator("friend-2"), np.random.default_rng(20261129), []
+    for signal, drift in (("step 1 V delay=5 s", 0.6e-3), ("step -1 V delay=2 s", 0.06e-3)):
+        clean = simulate(strip, signal, duration=40.0, rate=25.0)
+        assert clean.current is not None
+        error = 1e-4 * scipy.signal.lfilter([0.8], [1.0, -0.6], noise.standard_normal(len(clean)))
+        added = drift * (clean.time / 40.0 - 0.5) + error
+        runs.append(Run.from_arrays(time=clean.time, voltage=clean.voltage, current=clean.current + added))
+    found = solved(brief(strip, runs, "circuit.dc_resistivity", followed=False))
+    assert [unknown.name for unknown in found.problem.unknowns][1:] == ["observation.offset.current[0]"]
+    constants = [(shape.terms.offset, shape.terms.trend) for shape in found.correlated.shapes.values()]
+    assert constants == [(False, True), (True, True)]

@@ -10,8 +10,10 @@ import pytest
 from ipmclab import Run, identify, load_actuator, simulate
 from ipmclab.identification.problem import means
 from ipmclab.identification.problem.record import prepare
-from ipmclab.identification.search.tangent import entry_errors
+from ipmclab.identification.search.tangent import entry_errors, gauss_newton
+from ipmclab.identification.solved import solved
 from ipmclab.model.outputs import simulate_outputs
+from ipmclab.statespace.terms import Terms
 from tests.identification.brief import brief
 
 STRIP = load_actuator("friend-2+relaxation.displacement").replace(
@@ -85,6 +87,26 @@ def test_squares_and_information_of_means_are_those_of_all_rows() -> None:
     assert rows.cost == pytest.approx(shorter.cost + float(within @ within), abs=0.2)  # of chi-square
     errors = entry_errors(rows), entry_errors(shorter)
     assert np.abs(errors[1] / errors[0] - 1.0).max() < 5e-4
+
+
+def test_a_drift_is_beside_means_what_it_is_beside_all_rows() -> None:
+    """It begins at the first reading, beside a zero that is an unknown: the mean of the first rows lies later."""
+    strip, generator = load_actuator("friend-2"), np.random.default_rng(20261128)
+    clean = simulate(strip, "step 1 V delay=5 s", duration=300.0, rate=25.0)
+    assert clean.current is not None
+    current = clean.current + 1e-3 * clean.time / 300.0 + 1e-4 * generator.standard_normal(len(clean))
+    run = Run.from_arrays(time=clean.time, voltage=clean.voltage, current=current + 1e-3, hold="zero")
+    found = solved(brief(strip, run, "circuit.dc_resistivity", followed=False))
+    assert [unknown.base for unknown in found.problem.unknowns] == [
+        "circuit.dc_resistivity",
+        "observation.offset.current",
+    ]
+    assert found.correlated.zeros[0, "current"].terms == Terms(trend=True)
+    fewer = found.problem.on_means
+    assert fewer is not None
+    there = fewer.evaluate(found.solution.theta)
+    np.testing.assert_allclose(entry_errors(there), entry_errors(found.solution.evaluation), rtol=5e-4)
+    assert np.abs(gauss_newton(there)[0] / entry_errors(there)).max() < 0.5
 
 
 def test_readings_that_are_left_out_stay_out_of_the_means() -> None:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any, cast
 
 import numpy as np
 import numpy.typing as npt
 import pytest
 
 from ipmclab.identification.problem.evaluation import Evaluation
+from ipmclab.identification.search.descent import minimum
 from ipmclab.identification.search.leaps import led_on
 from ipmclab.identification.search.solve import LIMIT, PATIENCE, minimise
 
@@ -25,6 +27,7 @@ class Bent:
     """
 
     linear = added = np.zeros(2, dtype=bool)
+    on_means = responder = None
 
     def __init__(self, end: float) -> None:
         self.lower, self.upper = np.array([-20.0, -3.0]), np.array([end, 3.0])
@@ -58,3 +61,13 @@ def test_a_search_that_has_not_moved_leads_nowhere() -> None:
     found = led_on(problem, begin, stopped)
     assert found.theta is stopped.theta
     assert found.evaluations == stopped.evaluations
+
+
+def test_a_whole_search_that_creeps_to_its_limit_is_led_on_and_a_short_one_ends_there() -> None:
+    problem, begin = cast(Any, Bent(20.0)), np.array([0.0, 1.0])
+    found = minimum(problem, begin)
+    assert found.converged
+    assert found.evaluations > 300
+    assert found.theta == pytest.approx([6.0, np.exp(-6.0)], abs=0.03)
+    short = minimum(problem, begin, evaluations=100)
+    assert (short.message, short.evaluations) == (LIMIT, 100)

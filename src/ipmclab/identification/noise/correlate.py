@@ -357,7 +357,7 @@ def _zero_of(problem: Problem, piece: Piece, shape: Shape) -> Zero | None:
         rest = slope_at_rest(record, output, shape, unit)
         known = rest.is_shown if output == "current" else math.isfinite(rest.error)
     trend = (terms.trend or known) and piece.allowed.trend
-    # At which time a slope adds nothing is arbitrary.
+    # At which time a slope adds nothing is arbitrary, unless an unknown of the fit says where the zero is.
     offset = (terms.offset or terms.walk or trend) and piece.allowed.offset
     return Zero.of(record, output, Terms(offset=offset, trend=trend), shape, unit) if offset or trend else None
 

@@ -208,11 +208,12 @@ def _share_walk(shapes: dict[Key, Shape]) -> None:
 def _share_constants(shapes: dict[Key, Shape], pieces: Mapping[Key, Piece]) -> None:
     """What one run shows of an output's zero, no other run of that output is taken to be free of.
 
-    A parameter can take up the drift of a run so well that the run itself shows none.
+    A parameter can take up the drift of a run so well that the run itself shows none. A trend comes with an offset:
+    alone it would say that the sensor reads zero where it begins.
     """
     for key, piece in pieces.items():
         others = [shape.terms for (_, output), shape in shapes.items() if output == key[1]]
         terms = shapes[key].terms
-        offset = piece.allowed.offset and any(other.offset for other in others)
         trend = piece.allowed.trend and any(other.trend for other in others)
+        offset = piece.allowed.offset and (trend or any(other.offset for other in others))
         shapes[key] = replace(shapes[key], terms=replace(terms, offset=offset or terms.offset, trend=trend))
