@@ -96,10 +96,14 @@ def estimate(actuator: Actuator, names: FreeParameters, records: Sequence[Prepar
             if not has_doublet(problem.values(solution.theta, problem.records[0].place)):
                 # What stood beside a doublet of least squares is now asked for itself.
                 rivals = tuple(replace(rival, reach=dict.fromkeys(rival.reach, 0.0)) for rival in rivals)
-        ends, is_searched = everywhere.ended(problem, solution)
         others = [rival for rival in rivals if rival not in minima.ends]
-        rivals = still_rivals(problem, solution, others, under.inflation)
-        rivals += still_rivals(problem, solution, ends, under.inflation, is_searched=is_searched)
+        rivals = ()
+        # Where a stage does not show, a fit with much of it may be as good: other stages then take its part here.
+        for fit in (under, with_unseen) if with_unseen is not None else (under,):
+            at = fit.problem, fit.solution
+            ends, is_searched = everywhere.ended(*at)
+            rivals += still_rivals(*at, others, fit.inflation)
+            rivals += still_rivals(*at, ends, fit.inflation, is_searched=is_searched)
         if other is not None:
             reach = NORMAL_95 * entry_errors(other.solution.evaluation)
             rivals += (Rival.of(problem, other.solution.theta, reach),)

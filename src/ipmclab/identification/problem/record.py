@@ -189,8 +189,9 @@ class PreparedRun:
 
     @property
     def at_its_rows(self) -> EdgeDelay:
-        """Edges at the rows, give or take half a row (a rectangular distribution)."""
-        return EdgeDelay(0.0, self.period / math.sqrt(12.0), 0.0)
+        """Edges at the rows, give or take half a row; those of a motion anywhere that is searched (rectangular)."""
+        reach = 0.5 if "current" in self.readings else LONGEST_DELAY
+        return EdgeDelay(0.0, 2.0 * reach * self.period / math.sqrt(12.0), 0.0)
 
     @cached_property
     def resting(self) -> int:

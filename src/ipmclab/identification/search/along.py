@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Final
 
@@ -11,8 +11,9 @@ import numpy as np
 from ipmclab.fit.fit import DETERMINED
 from ipmclab.identification.problem.free import FreeParameters
 from ipmclab.identification.problem.problem import Problem
-from ipmclab.identification.problem.record import fastest_rate
+from ipmclab.identification.problem.record import LONGEST_DELAY, fastest_rate
 from ipmclab.identification.problem.response import CircuitResponder
+from ipmclab.identification.problem.unknowns import Unknown
 from ipmclab.identification.search.branch_valley import branch_valley
 from ipmclab.identification.search.descent import on_every_row, shorter
 from ipmclab.identification.search.solve import Pinned, Solution, descend
@@ -30,6 +31,9 @@ _SHARES: Final = (0.01, 0.03, 0.07, 0.15, 0.25, 0.35, 0.45, 0.55, 0.65, 0.75, 0.
 """Parts of the steady current beside the other branches that the dc path is given, the slowest branch the rest."""
 
 _ZEROS: Final = (0.1, 0.3, 0.7, 1.5, 5.0)  # times the Nyquist rate: zeros of a coupling that is too fast to be seen
+_ROWS: Final = tuple(np.arange(0.5 - LONGEST_DELAY, LONGEST_DELAY, 1.0).tolist())
+"""Rows by which the edges of a motion are tried to lie after those of the voltage."""
+
 _SLOWER: Final = (0.2, 0.4, 0.7, 1.4, 2.5, 4.5, 8.0)  # times the time constant of a leak that hardly shows how slow
 
 
@@ -40,7 +44,8 @@ def along_valleys(
 
     A record that is short for the slowest branch does not tell it from the leak, and one that is slow for the zero of
     the coupling does not tell it from the gain. At either end of such a valley the curvature shows a parameter as
-    known that is not. That of a branch begins where it was ``walked`` before, of a minimum near by.
+    known that is not. Nor does a motion alone tell where the edges of the voltage lie from how fast the strip answers
+    them. The valley of a branch begins where it was ``walked`` before, of a minimum near by.
     """
     values = problem.values(solution.theta, problem.records[0].place)
     errors = dict(zip((u.name for u in problem.unknowns), entry_errors(solution.evaluation), strict=True))
@@ -56,10 +61,20 @@ def along_valleys(
         found += held_at(problem, solution, ZERO, [part * fastest for part in _ZEROS])
     if errors.get(SLOW_TIME, 0.0) > _WEAK and SLOW_TIME in names.shared:
         found += held_at(problem, solution, SLOW_TIME, [values[SLOW_TIME] * factor for factor in _SLOWER])
+    edges = _unconfined_edges(problem, errors)
+    if edges is not None and any(name.startswith("coupling.") for name in names.shared):
+        found += held_at(problem, solution, edges.name, [edges.value(row) for row in _ROWS])
     if isinstance(problem.responder, CircuitResponder):
         before = [] if walked is None else walked.with_branch_held(problem, solution.theta)
         found += branch_valley(problem, solution, problem.responder.branches, before)
     return found
+
+
+def _unconfined_edges(problem: Problem, errors: Mapping[str, float]) -> Unknown | None:
+    """The delay of the record without a current of which least is known: the delays of others follow it."""
+    delays = [unknown for unknown in problem.unknowns if unknown.base == "observation.delay"]
+    alone = [delay for delay in delays if "current" not in problem.record_at(int(delay.place or 0)).readings]
+    return max(alone, key=lambda delay: errors[delay.name], default=None)
 
 
 def held_at(problem: Problem, solution: Solution, name: str, values: Sequence[float]) -> list[Place]:
