@@ -66,7 +66,7 @@ def test_no_fit_leaves_more_than_the_true_strip(
 
 @pytest.mark.parametrize("seed", [18, 20])
 def test_a_fit_with_the_stage_that_does_not_show_is_asked_for_too(seed: int) -> None:
-    """A zero beside a pole took the part of the slow mode, which then did not show: P_1d was known to 2 %, 30 times off."""
+    """A zero beside a pole took the part of the slow mode, which then did not show: P_1d known to 2 %, 30 times off."""
     actuator = strip(5.8, 0.5617, 3.1985)
     fit = brief(actuator, recorded(actuator, 1.1447, 2.986e-3, seed), "coupling,relaxation", followed=False)
     found = fit.parameters["coupling.p1"]

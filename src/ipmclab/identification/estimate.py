@@ -90,31 +90,50 @@ def estimate(actuator: Actuator, names: FreeParameters, records: Sequence[Prepar
             findings += contradicted_currents(problem, solution, record, under.of_sensor((record.place, "current")))
     findings += unshown_zeros(problem, solution)
     if under.shapes:
-        # Under their noise the readings distinguish fewer minima: all of them are asked again.
-        if under.is_weighted:
-            rivals = minima.rivals  # the valley is walked again
-            if not has_doublet(problem.values(solution.theta, problem.records[0].place)):
-                # What stood beside a doublet of least squares is now asked for itself.
-                rivals = tuple(replace(rival, reach=dict.fromkeys(rival.reach, 0.0)) for rival in rivals)
-        others = [rival for rival in rivals if rival not in minima.ends]
-        rivals = ()
-        # Where a stage does not show, a fit with much of it may be as good: other stages then take its part here.
-        for fit in (under, with_unseen) if with_unseen is not None else (under,):
-            at = fit.problem, fit.solution
-            ends, is_searched = everywhere.ended(*at)
-            rivals += still_rivals(*at, others, fit.inflation)
-            rivals += still_rivals(*at, ends, fit.inflation, is_searched=is_searched)
-        if other is not None:
-            reach = NORMAL_95 * entry_errors(other.solution.evaluation)
-            rivals += (Rival.of(problem, other.solution.theta, reach),)
-        # The ends of a coupling's valley would reach too far where noise inflates what it may cost.
-        if under.is_weighted or isinstance(problem.responder, CircuitResponder):
-            walked = minima.valley.under(problem, solution)
-            valley = along_valleys(actuator, names, problem, solution) if walked is None else walked
-            rivals += allowed_places(problem, solution, valley, under.inflation)
+        rivals = _under_noise(actuator, names, (under, with_unseen), other, minima, rivals, everywhere)
     if with_unseen is not None:
         rivals += tuple(with_usual_stages(with_unseen, unseen, Rival.of(problem, solution.theta)))
     return Estimate(parameters, problem, solution, rivals, tuple(findings), under, unseen, with_unseen, white)
+
+
+def _under_noise(
+    actuator: Actuator,
+    names: FreeParameters,
+    fits: tuple[Correlated, Correlated | None],
+    other: Correlated | None,
+    minima: Minima,
+    rivals: tuple[Rival, ...],
+    everywhere: Everywhere,
+) -> tuple[Rival, ...]:
+    """Other fits as good under the noise, where the readings distinguish fewer minima: all of them are asked again.
+
+    ``fits`` are the fit, and the one that still had the stages that do not show: one with much of them may be as good,
+    where other stages take their part in the fit.
+    """
+    under, _ = fits
+    problem, solution = under.problem, under.solution
+    if under.is_weighted:
+        rivals = minima.rivals  # the valley is walked again
+        if not has_doublet(problem.values(solution.theta, problem.records[0].place)):
+            # What stood beside a doublet of least squares is now asked for itself.
+            rivals = tuple(replace(rival, reach=dict.fromkeys(rival.reach, 0.0)) for rival in rivals)
+    others = [rival for rival in rivals if rival not in minima.ends]
+    found: tuple[Rival, ...] = ()
+    for fit in fits:
+        if fit is not None:
+            at = fit.problem, fit.solution
+            ends, is_searched = everywhere.ended(*at)
+            found += still_rivals(*at, others, fit.inflation)
+            found += still_rivals(*at, ends, fit.inflation, is_searched=is_searched)
+    if other is not None:
+        reach = NORMAL_95 * entry_errors(other.solution.evaluation)
+        found += (Rival.of(problem, other.solution.theta, reach),)
+    # The ends of a coupling's valley would reach too far where noise inflates what it may cost.
+    if under.is_weighted or isinstance(problem.responder, CircuitResponder):
+        walked = minima.valley.under(problem, solution)
+        valley = along_valleys(actuator, names, problem, solution) if walked is None else walked
+        found += allowed_places(problem, solution, valley, under.inflation)
+    return found
 
 
 def _least_squares(
