@@ -35,7 +35,7 @@ from ipmclab.identification.problem.free import FreeParameters, Prior, parse_fre
 from ipmclab.identification.problem.order import Order
 from ipmclab.identification.problem.priors import prior_findings, with_priors
 from ipmclab.identification.problem.record import disambiguated, places_of_mountings, prepare
-from ipmclab.identification.search.doubts import motion_of_another_coupling
+from ipmclab.identification.search.another_coupling import motion_of_another_coupling
 from ipmclab.identification.solved import Estimate
 from ipmclab.model import Actuator
 from ipmclab.model.declared import electrical
@@ -205,12 +205,10 @@ def _identify(
         for which, why in ((silent[record.place], NOISE), (lost[record.place], "no usable reading"))
         if which
     ]
+    foreign = motion_of_another_coupling(actuator, names, records, for_series_alone(names))
+    records = [record.without([finding.channel for finding in foreign if finding.channel]) for record in records]
+    left_out += foreign
     result = estimate(actuator, names, records)
-    foreign = motion_of_another_coupling(result.problem, result.correlated.left, for_series_alone(names))
-    if foreign:
-        records = [record.without([finding.channel for finding in foreign if finding.channel]) for record in records]
-        left_out += foreign
-        result = estimate(actuator, names, records)
     if kept:
         first_answer(lambda: build_fit(actuator, given, result, (), followed=False))
     diagnoses, lacking = _what_it_lacks(actuator, names, result) if diagnosed else ((), ())

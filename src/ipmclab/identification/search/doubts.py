@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Final
 
@@ -15,20 +15,17 @@ from ipmclab.identification.problem.response import lumped
 from ipmclab.identification.search.solve import Solution
 from ipmclab.model.structure import Structure
 from ipmclab.run import Finding, FloatArray
-from ipmclab.statespace.columns import constants
 from ipmclab.units import CHANNELS
 
 _NOTHING: Final = "model-explains-nothing"
-_HALF: Final = 0.5  # of what the readings vary
+HALF: Final = 0.5  # of what the readings vary
 _NOISE: Final = 1.3  # times the noise between neighbours: what is left is noise
 _MISSED: Final = 2.0  # times what a circuit can draw: it misses more than half of the largest reading
 _SURELY: Final = 6.0  # times the noise between neighbours: no reading of many lies so far off by chance
 _ENOUGH: Final = 50  # readings from which the noise between neighbours is known
 
 
-def unexplained(
-    problem: Problem, left_of: Callable[[tuple[int, str]], FloatArray], *, beside_drift: bool = False
-) -> list[Finding]:
+def unexplained(problem: Problem, left_of: Callable[[tuple[int, str]], FloatArray]) -> list[Finding]:
     """A finding for each run and output of which the model leaves half or more, and which is not merely noisy.
 
     Parameters
@@ -36,8 +33,6 @@ def unexplained(
     problem : Problem
     left_of : function of (place, output)
         What is left of an output of a run about the zero and the slope of its sensor, in units of the problem's noise.
-    beside_drift : bool
-        Whether a straight line, which is the sensor's, is none of what the model could explain.
     """
     found = []
     for record in problem.records:
@@ -48,13 +43,10 @@ def unexplained(
             if reading.has_bounds:
                 left = left[reading.exact[reading.used]]
             about = values - values.mean()
-            if beside_drift:
-                columns = constants(record.times_of(output))
-                about = values - columns @ np.linalg.lstsq(columns, values, rcond=None)[0]
             residual = problem.noise[record.place, output] * math.sqrt(float(left @ left) / len(left))
             varies = math.sqrt(float(about @ about) / len(about))
             is_noise = len(values) >= _ENOUGH and residual <= _NOISE * reading.noise
-            if residual < _HALF * varies or is_noise or varies == 0.0:
+            if residual < HALF * varies or is_noise or varies == 0.0:
                 continue
             channel = CHANNELS[output]
             lines = [f"{channel.to_display(size):.3g} {channel.display_unit}" for size in (residual, varies)]
@@ -76,39 +68,6 @@ def _share_explained(left: float) -> str:
     """How much is explained where this share of the rms is left."""
     percent = math.floor(100.0 * (1.0 - left**2))
     return f"only {percent} % of the variance of" if percent > 0 else "nothing of"
-
-
-def motion_of_another_coupling(
-    problem: Problem, left_of: Callable[[tuple[int, str]], FloatArray], outputs: Collection[str]
-) -> list[Finding]:
-    """A finding for each output of motion of which the model explains nothing in any run, a current beside it.
-
-    Where the coupling is not free and belongs to another strip, what the motion says of a series resistance is wrong.
-
-    Parameters
-    ----------
-    problem : Problem
-    left_of : function of (place, output)
-        As for ``unexplained``.
-    outputs : collection of str
-        Those that are read for a series resistance alone.
-    """
-    read = [output for record in problem.records for output in record.readings]
-    asked = sorted(set(outputs) & set(read))
-    if not asked or "current" not in read:
-        return []
-    nothing = [finding.channel for finding in unexplained(problem, left_of, beside_drift=True)]
-    return [
-        Finding(
-            "coupling-not-identified",
-            "warning",
-            f"the coupling in the file explains nothing of the {output}, which was left out of the fit",
-            "free the coupling too: --free electrical,circuit.sheet_resistance,coupling",
-            channel=output,
-        )
-        for output in asked
-        if nothing.count(output) == read.count(output)
-    ]
 
 
 def largest_current(record: PreparedRun, added: FloatArray) -> tuple[float, float]:

@@ -1,0 +1,38 @@
+"""Motion that is read for a series resistance alone, and whether the coupling of the file is that of its strip."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import ipmclab
+from ipmclab import Run
+from tests.identification.brief import brief
+
+CODE = "coupling-not-identified"
+
+
+@pytest.mark.parametrize("drift", [0.0, 4.0, -4.0])
+@pytest.mark.parametrize("hold", ["zero", "unknown"])
+def test_a_drift_of_the_laser_makes_no_motion_of_another_strip(drift: float, hold: str) -> None:
+    """Least squares has no slope of the laser: what it leaves of a drift of four ranges was more than the motion."""
+    strip = ipmclab.load_actuator("friend-2")
+    clean = ipmclab.simulate(strip, "sine 1 V 0.3 Hz", duration=15, rate=50)
+    assert clean.displacement is not None
+    assert clean.current is not None
+    size = float(np.ptp(clean.displacement))
+    noise = np.random.default_rng(3).normal(0.0, 1.0, (2, len(clean)))
+    motion = clean.displacement + drift * size * np.linspace(0.0, 1.0, len(clean)) + 3e-3 * size * noise[0]
+    current = clean.current + 3e-3 * float(np.ptp(clean.current)) * noise[1]
+    free = "electrical,circuit.sheet_resistance"
+    for own, sign in ((True, 1.0), (False, -1.0)):  # a motion the other way is that of no strip with this coupling
+        run = Run.from_arrays(
+            time=clean.time,
+            voltage=clean.voltage,
+            current=current,
+            displacement=motion if sign > 0.0 else motion - 2.0 * clean.displacement,
+            hold=hold,
+        )
+        fit = brief(strip, run, free, followed=False)
+        assert (CODE in {finding.code for finding in fit.findings}) is not own
+        assert ("displacement" in fit.residuals[0]) is own
