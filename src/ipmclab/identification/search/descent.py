@@ -9,25 +9,31 @@ from functools import partial
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from ipmclab.identification.problem.evaluation import Evaluation, Solvable
 from ipmclab.identification.problem.problem import Noise, Problem
 from ipmclab.identification.problem.response import CircuitResponder
 from ipmclab.identification.search.leaps import led_on
 from ipmclab.identification.search.settled import SETTLED, settle, settled, settled_to
-from ipmclab.identification.search.solve import LIMIT, PATIENCE, THERE, Shifted, Solution, minimise, polish
+from ipmclab.identification.search.solve import (
+    HARDLY_FALLS,
+    LIMIT,
+    PATIENCE,
+    THERE,
+    Shifted,
+    Solution,
+    minimise,
+    near_or,
+)
 from ipmclab.identification.search.tangent import STRUCTURAL, known_beforehand, with_others
 from ipmclab.identification.search.valleys import AS_GOOD, NEAR
-
-FloatArray = npt.NDArray[np.float64]
+from ipmclab.run import FloatArray
 
 LONGEST: Final = 300  # evaluations of one search
 SHORTLY: Final = 15  # of a search that is only to show whether it is worth more
 _COSTLY: Final = 1e-8  # of the cost: for thousands of readings a ten-thousandth of chi-square
 _CHEAP: Final = 1e-10  # the same where an evaluation costs next to nothing
 _THERE: Final = 1e-3  # of a standard error: a search that is so near its minimum has found it
-_HARDLY: Final = 0.1  # of chi-square, by which a search that began beside the minimum still falls
 HOPE: Final = 1.05  # times the best cost: a search above that is left
 _CORRECTED: Final = 6  # times, each of which leaves of the way what means hide of their rows: a thousandth
 _AT_FLOOR: Final = 1.3  # times the noise between neighbours
@@ -71,7 +77,7 @@ def minimum(
             minimise(corrected, found.theta, evaluations=evaluations, tolerance=NEAR, patience=patience),
         )
         near = replace(near, evaluations=near.evaluations + found.evaluations)
-        hardly = _HARDLY * found.evaluation.cost / len(found.evaluation.residual)
+        hardly = HARDLY_FALLS * found.evaluation.cost / len(found.evaluation.residual)
         fallen = found.evaluation.cost - near.evaluation.cost
         if abs(fallen) <= hardly:
             # Along a valley in which the cost hardly falls there is no last step: it ends where the means have ended.
@@ -112,10 +118,10 @@ def minimum_near(
     fall: float | None = None,
 ) -> Solution:
     """The same from a point that is near it, by Gauss-Newton steps where these get there."""
-    if here is None and problem.on_means is None:
-        here = problem.evaluate(theta)
-    near = polish(problem, theta, here) if here is not None else None
-    return near or minimum(problem, theta, here, evaluations=evaluations, fall=fall)
+    search = partial(minimum, problem, evaluations=evaluations, fall=fall)
+    if here is None and problem.on_means is not None:
+        return search(theta)
+    return near_or(search, problem, theta, here)
 
 
 def settled_nearest(problem: Problem, solution: Solution, reference: FloatArray) -> Solution:

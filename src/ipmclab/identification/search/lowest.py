@@ -8,7 +8,6 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from ipmclab.errors import InputError
 from ipmclab.identification.problem.free import FreeParameters
@@ -31,8 +30,7 @@ from ipmclab.model.geometry import DIMENSIONS
 from ipmclab.model.parameters import Parameter
 from ipmclab.model.stages.circuit import SERIES
 from ipmclab.progress import stage
-
-FloatArray = npt.NDArray[np.float64]
+from ipmclab.run import FloatArray
 
 _TOO_SMALL: Final = 1e-3
 """Of the size of a leak that the readings suggest: it adds nothing to a circuit that was found without it."""

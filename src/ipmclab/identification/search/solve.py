@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -11,8 +13,7 @@ import numpy.typing as npt
 from ipmclab.identification.problem.evaluation import Evaluation, Searched, Solvable
 from ipmclab.identification.search.projected import Projected
 from ipmclab.identification.search.tangent import UNFELT, gauss_newton, with_others
-
-FloatArray = npt.NDArray[np.float64]
+from ipmclab.run import FloatArray
 
 NEGLIGIBLE: Final = 1e-6
 """A decrease of the cost that moves no parameter by a thousandth of its standard error."""
@@ -212,17 +213,23 @@ def descend(
     *,
     evaluations: int = 300,
     tolerance: float = 1e-10,
-    patience: int | None = None,
-    fall: float | None = None,
 ) -> Solution:
     """The minimum by Gauss-Newton steps where these get there, else by ``minimise``, from a point that may be known."""
+    return near_or(partial(minimise, problem, evaluations=evaluations, tolerance=tolerance), problem, theta, here)
+
+
+def near_or(
+    search: Callable[[FloatArray, Evaluation | None], Solution],
+    problem: Solvable,
+    theta: FloatArray,
+    here: Evaluation | None,
+) -> Solution:
+    """The same, else by any search: what the steps have asked of the point it need not ask again."""
     spent = 0
     if here is None and _is_inside(problem, theta):
         here, spent = problem.evaluate(theta), 1
     near = polish(problem, theta, here)
-    if near is not None:
-        return replace(near, evaluations=near.evaluations + spent)
-    return minimise(problem, theta, here, evaluations=evaluations, tolerance=tolerance, patience=patience, fall=fall)
+    return search(theta, here) if near is None else replace(near, evaluations=near.evaluations + spent)
 
 
 def minimise(

@@ -22,8 +22,8 @@ from ipmclab.identification.search.searched_run import SearchedRun, side_by_side
 from ipmclab.model.numerics.drive import complex_responses, responses
 from ipmclab.normal_equations import damped_step, pseudo_inverse
 from ipmclab.progress import tick
+from ipmclab.run import FloatArray
 
-FloatArray = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]
 
 _BRIEFLY: Final = 3  # steps of each set with a pair: a start, of which the rest is the fit's own search
