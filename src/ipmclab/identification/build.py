@@ -17,7 +17,6 @@ from ipmclab.fit.set_point import set_point_findings
 from ipmclab.identification.observed import observation, residuals
 from ipmclab.identification.problem.order import Order
 from ipmclab.identification.problem.problem import Problem
-from ipmclab.identification.problem.response import CircuitResponder
 from ipmclab.identification.problem.stated import stated_covariance
 from ipmclab.identification.problem.unknowns import Unknown
 from ipmclab.identification.search.doubts import message, unexplained
@@ -68,7 +67,7 @@ def build_fit(
     followed: bool = True,
 ) -> Fit:
     """Errors, intervals (bent ones ``followed`` along profiles), correlations, diagnosis and the fitted actuator."""
-    problem, solution, parameters = result.problem, result.solution, result.parameters
+    problem, solution, parameters = result.problem, result.solution, actuator.parameters()
     free = {unknown.base for unknown in problem.unknowns}
     stated = stated_covariance(
         actuator, [n for n, p in parameters.items() if n not in free and p.standard_uncertainty > 0.0]
@@ -247,7 +246,7 @@ def _unseen_parameter(
 def _exact_names(actuator: Actuator, problem: Problem, taken: set[str]) -> list[str]:
     """Fixed parameters without a stated uncertainty on which the answer leans."""
     candidates = ["circuit.sheet_resistance"]
-    if not isinstance(problem.responder, CircuitResponder):
+    if not problem.is_circuit:
         candidates += ["geometry.thickness", "beam.modulus"]
     if any(record.readings.keys() & {"displacement", "force"} for record in problem.records):
         candidates += [name for name in actuator.parameter_values if name.startswith("coupling.")]

@@ -131,7 +131,7 @@ class Density:
                 self._noise[key] = _Noise(
                     terms,
                     slice(len(limits), len(limits) + terms.shapes),
-                    held_constants(time, terms)[0],
+                    held_constants(time, terms),
                     steps_between(time, record.step),
                     record.readings[output].exact_of_used,
                     solved.noise[key] <= AT_FLOOR * solved.floors[key],

@@ -22,7 +22,7 @@ class Lines:
     lower, upper = np.array([-20.0, -20.0, -np.inf]), np.array([2.0, 20.0, np.inf])
     linear = np.array([False, False, True])
     added = np.zeros(3, dtype=bool)
-    on_means = responder = None
+    on_means, is_circuit = None, False
 
     def __init__(self, little: float) -> None:
         generator = np.random.default_rng(20261123)

@@ -50,7 +50,7 @@ class Gain:
     added = linear
     unknowns = (SimpleNamespace(base="coupling.gain"), SimpleNamespace(base="coupling.p1"))
     on_means = None
-    responder = None
+    is_circuit = False
 
     def __init__(self, seen: float, sigma: float, sign: float = 1.0, drawn: float = 0.0) -> None:
         self.seen, self.scale, self.sign, self.drawn = seen, sigma / math.sqrt(2.0), sign, drawn

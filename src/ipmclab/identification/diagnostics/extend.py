@@ -120,7 +120,6 @@ def afresh(
         richer = with_stages(actuator, direction.stage)
         richer = richer.replace(**direction.sized(kind_named(direction.stage), 1.0))
         wider = replace(names, shared=(*names.shared, *_freed(actuator, richer)))
-        parameters = richer.parameters()
         # It may be for want of this stage that a start from rest was contradicted.
         records = [
             replace(record, start=ASSUMED_REST)
@@ -130,7 +129,7 @@ def afresh(
         ]
         tried = []
         for point in islice(starting_points(richer, wider, records), _STARTS):
-            own = problem_at(richer, parameters, wider, records, point, problem.noise)
+            own = problem_at(richer, wider, records, point, problem.noise)
             tried.append(Extended(own, _briefly(own, entries_at(own, point), SHORTLY)))
             if known is not None and abs(tried[-1].cost - known.cost) < _SAME * known.cost:
                 return known

@@ -28,7 +28,7 @@ from ipmclab.identification.problem.evaluation import Evaluation
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.search.solve import Solution
 from ipmclab.run import FloatArray
-from ipmclab.statespace.columns import held_constants
+from ipmclab.statespace.columns import origin
 from ipmclab.statespace.noise_model import NoiseModel
 from ipmclab.statespace.shape import Shape, drawn, spread_by
 from ipmclab.statespace.terms import Terms
@@ -104,10 +104,10 @@ class Correlated:
                 continue
             values = list(self.problem.noise[key] * answer)
             level = float(values.pop(0)) if terms.offset else 0.0
-            _, origin = held_constants(piece.time, terms)
             half = 0.5 * float(piece.time[-1] - piece.time[0])
             slope = float(values.pop(0)) / half if terms.trend else 0.0
-            found[key] = level - slope * (origin - float(self.problem.record_at(key[0]).run.time[0])), slope
+            begins = origin(piece.time, terms) - float(self.problem.record_at(key[0]).run.time[0])
+            found[key] = level - slope * begins, slope
         return found
 
     @property

@@ -26,7 +26,7 @@ from ipmclab.identification.problem.evaluation import Evaluation
 from ipmclab.identification.problem.problem import Noise, Problem
 from ipmclab.identification.problem.record import PreparedRun
 from ipmclab.run import FloatArray
-from ipmclab.statespace.columns import held_constants
+from ipmclab.statespace.columns import held_constants, origin
 from ipmclab.statespace.shape import Shape
 from ipmclab.statespace.terms import Terms
 
@@ -71,7 +71,6 @@ class Zero:
         """The constants that a noise calls for, which is in so many SI units."""
         inside = record.readings[output].exact_of_used
         time = record.times_of(output)
-        columns, origin = held_constants(time, terms)
         half = 0.5 * float(time[-1] - time[0])
         rest = slope_at_rest(record, output, noise, unit) if terms.trend else NO_SLOPE
         most = math.inf
@@ -82,7 +81,7 @@ class Zero:
                 most = LARGEST_ZERO * largest
                 rest = rest._replace(error=min(rest.error, most / half))
         inflation = slope_inflation(time, record.step, noise) if terms.trend else 1.0
-        return cls(terms, columns, inside, origin, half, rest, most, inflation)
+        return cls(terms, held_constants(time, terms), inside, origin(time, terms), half, rest, most, inflation)
 
     def on(self, record: PreparedRun, output: str) -> Zero:
         """The same beside means of the rows."""

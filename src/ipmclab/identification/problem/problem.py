@@ -15,7 +15,7 @@ from ipmclab.identification.problem.in_state import InState, in_state
 from ipmclab.identification.problem.means import in_means
 from ipmclab.identification.problem.place import Place
 from ipmclab.identification.problem.record import LEAST_NOISE, PreparedRun
-from ipmclab.identification.problem.response import Responder
+from ipmclab.identification.problem.response import CircuitResponder, Responder
 from ipmclab.identification.problem.unknowns import WATER, Unknown
 from ipmclab.model.declared import is_proportional
 from ipmclab.model.environment import sorption
@@ -88,6 +88,11 @@ class Problem:
             return None
         records = [short or whole for short, whole in zip(shorter, self.records, strict=True)]
         return Problem(self.base, records, self.unknowns, self.responder.for_means(), self.noise)
+
+    @property
+    def is_circuit(self) -> bool:
+        """Whether it is of a circuit alone, whose runs cost next to nothing."""
+        return isinstance(self.responder, CircuitResponder)
 
     @property
     def plain(self) -> Problem:

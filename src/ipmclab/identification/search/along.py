@@ -9,7 +9,6 @@ from typing import Final
 import numpy as np
 
 from ipmclab.fit.fit import DETERMINED
-from ipmclab.identification.problem.free import FreeParameters
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.problem.record import fastest_rate
 from ipmclab.identification.problem.response import CircuitResponder
@@ -17,14 +16,13 @@ from ipmclab.identification.search.branch_valley import branch_valley
 from ipmclab.identification.search.descent import on_every_row, shorter
 from ipmclab.identification.search.solve import Pinned, Solution, descend
 from ipmclab.identification.search.tangent import entry_errors
-from ipmclab.identification.search.valleys import AS_GOOD, EVALUATIONS, NEAR, Place, Valley
-from ipmclab.model import Actuator
+from ipmclab.identification.search.valleys import AS_GOOD, EVALUATIONS, NEAR, WEAK, Place, Valley
 from ipmclab.model.declared import is_of_circuit
 from ipmclab.model.stages.circuit import DC, SERIES, slowest_branch
 from ipmclab.model.stages.coupling import GAIN, ZERO
 from ipmclab.model.stages.leak import SLOW_TIME
+from ipmclab.model.structure import Structure
 
-_WEAK: Final = 0.2  # standard error of a logarithm from which other valleys are looked for
 _SETTLED: Final = 1e-3  # of chi-square: a further step of the others would lower it by less
 _SHARES: Final = (0.01, 0.03, 0.07, 0.15, 0.25, 0.35, 0.45, 0.55, 0.65, 0.75, 0.85, 0.92, 0.96, 0.98, 0.995)
 """Parts of the steady current beside the other branches that the dc path is given, the slowest branch the rest."""
@@ -33,9 +31,7 @@ _ZEROS: Final = (0.1, 0.3, 0.7, 1.5, 5.0)  # times the Nyquist rate: zeros of a 
 _SLOWER: Final = (0.2, 0.4, 0.7, 1.4, 2.5, 4.5, 8.0)  # times the time constant of a leak that hardly shows how slow
 
 
-def along_valleys(
-    actuator: Actuator, names: FreeParameters, problem: Problem, solution: Solution, walked: Valley | None = None
-) -> list[Place]:
+def along_valleys(problem: Problem, solution: Solution, walked: Valley | None = None) -> list[Place]:
     """The best fits with a weakly seen parameter held at other values.
 
     A record that is short for the slowest branch does not tell it from the leak, and one that is slow for the zero of
@@ -46,15 +42,15 @@ def along_valleys(
     errors = dict(zip((u.name for u in problem.unknowns), entry_errors(solution.evaluation), strict=True))
     found: list[Place] = []
     circuit = max((error for name, error in errors.items() if is_of_circuit(name)), default=0.0)
-    if circuit > _WEAK and not set(SERIES) & set(names.actuator):
-        resistivity, permittivity = slowest_branch(actuator.circuit.branches, values)
-        if {DC, resistivity, permittivity} <= set(names.shared):
+    if circuit > WEAK and not any(unknown.base in SERIES for unknown in problem.unknowns):
+        resistivity, permittivity = slowest_branch(Structure.of(values).branches, values)
+        if {DC, resistivity, permittivity} <= errors.keys():
             both = 1.0 / values[DC] + 1.0 / values[resistivity]
             found += held_at(problem, solution, DC, [1.0 / (share * both) for share in _SHARES])
-    if {GAIN, ZERO} <= set(names.shared) and errors[ZERO] > _WEAK:
+    if {GAIN, ZERO} <= errors.keys() and errors[ZERO] > WEAK:
         fastest = fastest_rate(problem.records)
         found += held_at(problem, solution, ZERO, [part * fastest for part in _ZEROS])
-    if errors.get(SLOW_TIME, 0.0) > _WEAK and SLOW_TIME in names.shared:
+    if errors.get(SLOW_TIME, 0.0) > WEAK:
         found += held_at(problem, solution, SLOW_TIME, [values[SLOW_TIME] * factor for factor in _SLOWER])
     if isinstance(problem.responder, CircuitResponder):
         before = [] if walked is None else walked.with_branch_held(problem, solution.theta)

@@ -12,7 +12,6 @@ import numpy as np
 
 from ipmclab.identification.problem.evaluation import Evaluation, Solvable
 from ipmclab.identification.problem.problem import Noise, Problem
-from ipmclab.identification.problem.response import CircuitResponder
 from ipmclab.identification.search.leaps import led_on
 from ipmclab.identification.search.settled import SETTLED, settle, settled, settled_to
 from ipmclab.identification.search.solve import (
@@ -57,9 +56,10 @@ def minimum(
 
     A search that is to show by how much it falls is left where that would take too long (``solve.minimise``).
     """
-    means, patience = problem.on_means, _patience(problem)
+    means = problem.on_means
+    # A circuit alone affords to be searched to the last digit, along whatever valley.
+    tolerance, patience = (_CHEAP, None) if problem.is_circuit else (_COSTLY, PATIENCE)
     if means is None:
-        tolerance = _tolerance(problem)
         return _searched(
             problem, theta, here, evaluations=evaluations, tolerance=tolerance, patience=patience, fall=fall
         )
@@ -180,15 +180,6 @@ def start_with_fewer(problem: Problem, smaller: Problem, solution: Solution, gon
     return replace(best, evaluations=solution.evaluations + len(found))
 
 
-def _tolerance(problem: Problem) -> float:
-    return _CHEAP if isinstance(problem.responder, CircuitResponder) else _COSTLY
-
-
-def _patience(problem: Problem) -> int | None:
-    """A circuit alone affords to be searched to the last digit, along whatever valley."""
-    return None if isinstance(problem.responder, CircuitResponder) else PATIENCE
-
-
 def to_the_end(
     tried: Sequence[tuple[Problem, Solution]], neighbours: Noise | None = None
 ) -> list[tuple[Problem, Solution]]:
@@ -223,7 +214,7 @@ def _cost(pair: tuple[Problem, Solution]) -> float:
 def _further(problem: Problem, solution: Solution, evaluations: int, best: float) -> Solution:
     """A search that was left, from where it stands; where evaluations are costly, while it may yet be as good."""
     above = solution.evaluation.cost - best * (1.0 + AS_GOOD / len(solution.evaluation.residual))
-    fall = max(above, 0.0) if _patience(problem) is not None and math.isfinite(best) else None
+    fall = max(above, 0.0) if not problem.is_circuit and math.isfinite(best) else None
     more = minimum(problem, solution.theta, evaluations=evaluations, fall=fall)
     return replace(more, evaluations=more.evaluations + solution.evaluations)
 
