@@ -20,7 +20,9 @@ from ipmclab.identification.search.along import along_valleys, nearest_zero
 from ipmclab.identification.search.as_good import allowed_places, still_rivals
 from ipmclab.identification.search.assumed import (
     assumed_zeros,
+    could_be_zero,
     is_assumed_zero,
+    not_at_rest,
     start_not_at_rest,
     with_less,
     without_idle,
@@ -32,7 +34,6 @@ from ipmclab.identification.search.doubts import contradicted_currents
 from ipmclab.identification.search.everywhere import Everywhere
 from ipmclab.identification.search.lowest import find_minima
 from ipmclab.identification.search.pose import need_as_many_readings, solved_for, without_leak
-from ipmclab.identification.search.rest import could_be_zero, not_at_rest
 from ipmclab.identification.search.settled import settled_with_unfelt_held
 from ipmclab.identification.search.solve import Solution
 from ipmclab.identification.search.tangent import entry_errors, null_directions

@@ -7,10 +7,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from ipmclab.identification.diagnostics.columns import along_directions
 from ipmclab.identification.diagnostics.extend import Extended, afresh, from_here
 from ipmclab.identification.diagnostics.left import Left
-from ipmclab.identification.diagnostics.score_directions import score_directions
+from ipmclab.identification.diagnostics.score_directions import along_directions, score_directions
 from ipmclab.identification.problem.free import FreeParameters
 from ipmclab.identification.problem.record import as_read
 from ipmclab.model import Actuator

@@ -69,7 +69,7 @@ def held_at(problem: Problem, solution: Solution, name: str, values: Sequence[fl
         neighbour = lowest
         for entry in side:
             pinned = Pinned(rows, held, entry)
-            settled = _SETTLED * lowest.evaluation.cost / len(lowest.evaluation.residual)
+            settled = _SETTLED * lowest.evaluation.per_residual
             best, left = pinned.follow(neighbour.theta, neighbour.evaluation, settled)
             if left > settled:
                 best = descend(pinned, best.theta, best.evaluation, evaluations=EVALUATIONS, tolerance=NEAR)
@@ -95,9 +95,8 @@ def nearest_zero(problem: Problem, solution: Solution) -> Solution:
         return solution
     (place,) = held_at(problem, solution, ZERO, [problem.base[ZERO]])
     found = place.solution
-    per_reading = solution.evaluation.cost / len(solution.evaluation.residual)
     spent = found.evaluations + solution.evaluations
-    if not found.evaluation.cost <= solution.evaluation.cost + AS_GOOD * per_reading:
+    if not found.evaluation.cost <= solution.evaluation.cost + AS_GOOD * solution.evaluation.per_residual:
         return replace(solution, evaluations=spent)
     # As good as a minimum: whether that was reached counts, not whether the walk along the valley came to its end.
     return replace(found, converged=solution.converged, message=solution.message, evaluations=spent)

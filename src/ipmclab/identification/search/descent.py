@@ -77,9 +77,8 @@ def minimum(
             minimise(corrected, found.theta, evaluations=evaluations, tolerance=NEAR, patience=patience),
         )
         near = replace(near, evaluations=near.evaluations + found.evaluations)
-        hardly = HARDLY_FALLS * found.evaluation.cost / len(found.evaluation.residual)
         fallen = found.evaluation.cost - near.evaluation.cost
-        if abs(fallen) <= hardly:
+        if abs(fallen) <= HARDLY_FALLS * found.evaluation.per_residual:
             # Along a valley in which the cost hardly falls there is no last step: it ends where the means have ended.
             return near if fallen > 0.0 else replace(found, evaluations=near.evaluations)
         if fallen < 0.0:

@@ -79,7 +79,7 @@ def without_doublet(
         if name.startswith(_CIRCUIT) and name not in free and value and name in known
     }
     off = _may_be_off(actuator, held)
-    variance = solution.evaluation.cost / len(solution.evaluation.residual)
+    variance = solution.evaluation.per_residual
     costs = [_loosened(of, one, list(held), off, variance) for of, one in (lowest, higher)]
     if costs[1] - costs[0] > SURELY_SOMEWHERE * variance:
         return None

@@ -58,11 +58,13 @@ def unexplained(
                 continue
             channel = CHANNELS[output]
             lines = [f"{channel.to_display(size):.3g} {channel.display_unit}" for size in (residual, varies)]
+            percent = math.floor(100.0 * (1.0 - (residual / varies) ** 2))
+            share = f"only {percent} % of the variance of" if percent > 0 else "nothing of"
             found.append(
                 Finding(
                     _NOTHING,
                     "error",
-                    f"{record.label}: the model explains {_share_explained(residual / varies)} the {output}: it "
+                    f"{record.label}: the model explains {share} the {output}: it "
                     f"leaves {lines[0]} (rms) of readings that vary by {lines[1]} about their mean",
                     "do not use this fit: look at what check says of the run, at what is fixed, and give more rows",
                     channel=output,
@@ -70,12 +72,6 @@ def unexplained(
                 )
             )
     return found
-
-
-def _share_explained(left: float) -> str:
-    """How much is explained where this share of the rms is left."""
-    percent = math.floor(100.0 * (1.0 - left**2))
-    return f"only {percent} % of the variance of" if percent > 0 else "nothing of"
 
 
 def motion_of_another_coupling(

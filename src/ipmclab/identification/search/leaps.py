@@ -58,6 +58,6 @@ def led_on(problem: Solvable, begun: FloatArray, found: Solution) -> Solution:
         leap = math.copysign(min(abs(leap), float(reach[place])), leap)
         if fallen > 0.0:
             lowest = pinned.in_full(others)
-        if abs(fallen) < HARDLY_FALLS * lowest.evaluation.cost / len(lowest.evaluation.residual):
+        if abs(fallen) < HARDLY_FALLS * lowest.evaluation.per_residual:
             break
     return replace(lowest, converged=False, message=found.message, evaluations=spent)

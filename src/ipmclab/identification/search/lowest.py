@@ -101,8 +101,7 @@ def _search(
         solution = replace(best, evaluation=problem.evaluate(best.theta))
     spent = [*(other for _, other in tried if other is not found[0]), *(place.solution for place in valley), best]
     best = replace(best, evaluations=sum(other.evaluations for other in spent))
-    per_reading = solution.evaluation.cost / len(solution.evaluation.residual)
-    allowed = solution.evaluation.cost + AS_GOOD * per_reading
+    allowed = solution.evaluation.cost + AS_GOOD * solution.evaluation.per_residual
     rivals = [
         Rival.of(of, other.theta)
         for of, other in tried

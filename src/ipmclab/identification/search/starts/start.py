@@ -14,10 +14,9 @@ from ipmclab.identification.problem.means import in_means
 from ipmclab.identification.problem.record import PreparedRun
 from ipmclab.identification.problem.response import lumped
 from ipmclab.identification.search.starts.start_circuit import circuit_values, find_circuit
-from ipmclab.identification.search.starts.start_coupling import coupling_starts
+from ipmclab.identification.search.starts.start_coupling import coupling_starts, relaxation_start
 from ipmclab.identification.search.starts.start_further import further_starts, without_further
 from ipmclab.identification.search.starts.start_leak import leak_starts
-from ipmclab.identification.search.starts.start_relaxation import relaxation_start
 from ipmclab.model import Actuator, geometry
 from ipmclab.model.declared import is_of_leak
 from ipmclab.model.stages.circuit import CONTACT, DC, SERIES, SHEET
