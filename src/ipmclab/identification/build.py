@@ -87,7 +87,15 @@ def build_fit(
         for number, error in enumerate(relative.tolist())
     ]
     points = _points(result, found, rivals, stated, exact, [end for one in alone for end in one.ends])
-    while_kept = _while_unseen_are_kept(points)
+    # That a stage does not show is no proof that it is not there: what trades against it is known no better than with
+    # it. So each unknown has another entry and another standard error while the unseen stages may still be there.
+    while_kept = {
+        unknown.name: (float(point.theta[place]), math.sqrt(max(variance, 0.0)))
+        for point in points[1:]
+        for (place, unknown), variance in zip(
+            point.problem.asked, point.found.covariance.diagonal().tolist(), strict=True
+        )
+    }
     elsewhere = {
         unknown.name: [rival for rival in rivals if one.is_left_by(unknown, rival)]
         for unknown, one in zip(asked, alone, strict=True)
@@ -211,20 +219,6 @@ def _points(
         problem, solution = result.with_unseen.problem, result.with_unseen.solution
         points.append(Point(problem, solution.theta, uncertainty(result.with_unseen, stated, exact), stated))
     return points
-
-
-def _while_unseen_are_kept(points: Sequence[Point]) -> dict[str, tuple[float, float]]:
-    """Entry and standard error that each unknown has while the unseen stages may still be there.
-
-    That a stage does not show is no proof that it is not there: what trades against it is known no better than with
-    it.
-    """
-    while_kept: dict[str, tuple[float, float]] = {}
-    for point in points[1:]:
-        deviation = np.sqrt(np.maximum(point.found.covariance.diagonal(), 0.0))
-        for number, (place, unknown) in enumerate(point.problem.asked):
-            while_kept[unknown.name] = float(point.theta[place]), float(deviation[number])
-    return while_kept
 
 
 def _unseen_parameter(

@@ -111,8 +111,7 @@ class Left:
         """Weighted squares of one size [SI] in every reading of a run."""
         found = 0.0
         for piece in self.pieces:
-            reading = self.problem.record_at(piece.key[0]).readings[self.output]
-            found += len(piece.time) * (size(reading) / self.problem.noise[piece.key]) ** 2
+            found += len(piece.time) * (size(self.problem.readings[piece.key]) / self.problem.noise[piece.key]) ** 2
         return found
 
     def squares(self, problem: Problem, here: Evaluation) -> float:

@@ -147,7 +147,7 @@ class Correlated:
         residual = self.plain.residual[self.problem.pieces[key]]
         if key not in self._constants:
             return residual
-        added = self.beside(key)[self.problem.record_at(key[0]).readings[key[1]].used]
+        added = self.beside(key)[self.problem.readings[key].used]
         return np.asarray(residual + np.where(self.pieces[key].inside, added / self.problem.noise[key], 0.0))
 
     def resting(self, key: Key) -> Resting:
@@ -195,7 +195,7 @@ class Correlated:
             return np.asarray(scaled.T @ scaled)
         turned = self.problem.whitened(key, rows.T).T
         moved = np.zeros((0, rows.shape[1]))
-        inside = self.problem.record_at(key[0]).readings[key[1]].exact_of_used
+        inside = self.problem.readings[key].exact_of_used
         if key in self.zeros:
             # What is known of a zero or a slope beforehand has an error too: of rows at 0 V, and of its own.
             projection, own_errors = self._known[key]

@@ -104,7 +104,13 @@ class Zero:
         by_rows = np.zeros_like(self.columns)
         if self.terms.trend:
             by_rows[: len(self.rest.weights), -1] = self.rest.weights * self.half
-        return Projection.of(self.columns, precision, centre, errors, by_rows)
+        inner = np.linalg.inv(self.columns.T @ self.columns + np.diag(precision))
+        orthonormal, triangle = np.linalg.qr(self.columns)
+        share, turn = np.linalg.eigh(triangle @ inner @ triangle.T)
+        basis = orthonormal @ turn
+        taken = basis * (1.0 - np.sqrt(np.clip(1.0 - share, 0.0, 1.0)))
+        expected, answer = self.columns @ centre, inner @ self.columns.T
+        return Projection(basis, taken, answer, centre, expected, self.columns, errors, by_rows)
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,17 +144,6 @@ class Projection:
     columns: FloatArray
     known: FloatArray
     by_rows: FloatArray
-
-    @classmethod
-    def of(
-        cls, columns: FloatArray, precision: FloatArray, centre: FloatArray, known: FloatArray, by_rows: FloatArray
-    ) -> Projection:
-        inner = np.linalg.inv(columns.T @ columns + np.diag(precision))
-        orthonormal, triangle = np.linalg.qr(columns)
-        share, turn = np.linalg.eigh(triangle @ inner @ triangle.T)
-        basis = orthonormal @ turn
-        taken = basis * (1.0 - np.sqrt(np.clip(1.0 - share, 0.0, 1.0)))
-        return cls(basis, taken, inner @ columns.T, centre, columns @ centre, columns, known, by_rows)
 
 
 class DriftingProblem(Changed):

@@ -14,7 +14,7 @@ from ipmclab.identification.problem.evaluation import Evaluation
 from ipmclab.identification.problem.in_state import InState, in_state
 from ipmclab.identification.problem.means import in_means
 from ipmclab.identification.problem.place import Place
-from ipmclab.identification.problem.record import LEAST_NOISE, PreparedRun
+from ipmclab.identification.problem.record import LEAST_NOISE, PreparedRun, Reading
 from ipmclab.identification.problem.response import CircuitResponder, Responder
 from ipmclab.identification.problem.unknowns import WATER, Unknown
 from ipmclab.model.declared import is_proportional
@@ -142,25 +142,24 @@ class Problem:
         return np.asarray(self.linear & np.array([one.is_of_sensor for one in self.unknowns], dtype=bool))
 
     @cached_property
+    def readings(self) -> dict[tuple[int, str], Reading]:
+        """Of each run and output."""
+        return {(record.place, output): one for record in self.records for output, one in record.readings.items()}
+
+    @cached_property
     def floors(self) -> dict[tuple[int, str], float]:
         """Noise below which readings cannot be distinguished from the rounding of the model [SI]."""
         return {
-            (record.place, output): max(ROUNDING * float(np.abs(reading.values).max(initial=0.0)), LEAST_NOISE)
-            for record in self.records
-            for output, reading in record.readings.items()
+            key: max(ROUNDING * float(np.abs(reading.values).max(initial=0.0)), LEAST_NOISE)
+            for key, reading in self.readings.items()
         }
 
     @cached_property
     def pieces(self) -> dict[tuple[int, str], slice]:
         """Where the readings of each run and output stand in the residual vector."""
-        found: dict[tuple[int, str], slice] = {}
-        begin = 0
-        for record in self.records:
-            for output, reading in record.readings.items():
-                end = begin + int(np.count_nonzero(reading.used))
-                found[record.place, output] = slice(begin, end)
-                begin = end
-        return found
+        counts = [int(np.count_nonzero(reading.used)) for reading in self.readings.values()]
+        ends = np.cumsum(counts, dtype=int).tolist()
+        return {key: slice(end - count, end) for key, end, count in zip(self.readings, ends, counts, strict=True)}
 
     @cached_property
     def beforehand(self) -> slice:

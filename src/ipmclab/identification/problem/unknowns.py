@@ -11,7 +11,13 @@ import numpy as np
 
 from ipmclab.identification.problem.edge_delay import EdgeDelay
 from ipmclab.identification.problem.free import FreeParameters, Prior
-from ipmclab.identification.problem.record import LONGEST_DELAY, PreparedRun, ending_of, places_of_mountings
+from ipmclab.identification.problem.record import (
+    LONGEST_DELAY,
+    PreparedRun,
+    at_their_rows,
+    ending_of,
+    places_of_mountings,
+)
 from ipmclab.model.declared import declaration_of, largest_proportional
 from ipmclab.model.environment.age import Age
 from ipmclab.model.parameters import Parameter
@@ -334,7 +340,7 @@ def unknowns_of(
         tied = {u.name: u for u in known_together([u for u in found if u.name in free.together], free.together)}
         found = [tied.get(u.name, u) for u in found]
     found = [_of_some_size(unknown) for unknown in found]
-    found += _of_delays(records, delays or {one.place: one.at_its_rows for one in records if one.delay_is_free})
+    found += _of_delays(records, delays or at_their_rows(records))
     found += _of_states(free, records)
     found += _of_sensors(free, records)
     for place, count in (states or {}).items():

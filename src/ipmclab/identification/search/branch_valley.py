@@ -145,13 +145,13 @@ def _weakest(problem: Problem, solution: Solution, branches: int) -> tuple[int, 
     """The branch of which least is known, where that is little, and its entries."""
     names = [unknown.name for unknown in problem.unknowns]
     errors = entry_errors(solution.evaluation)
-    found: tuple[float, tuple[int, int, int]] | None = None
-    for number in range(branches if branches > 1 else 0):
-        pair = branch_names(number)
-        if not set(pair) <= set(names):
-            continue
-        places = names.index(pair[0]), names.index(pair[1])
-        error = float(max(errors[places[0]], errors[places[1]]))
-        if error > WEAK and (found is None or error > found[0]):
-            found = error, (number, *places)
-    return None if found is None else found[1]
+    pairs = [(number, branch_names(number)) for number in range(branches if branches > 1 else 0)]
+    shared = [
+        (number, names.index(one), names.index(other)) for number, (one, other) in pairs if {one, other} <= {*names}
+    ]
+
+    def error(branch: tuple[int, int, int]) -> float:
+        return float(max(errors[branch[1]], errors[branch[2]]))
+
+    weakest = max(shared, key=error, default=None)
+    return None if weakest is None or not error(weakest) > WEAK else weakest

@@ -40,37 +40,36 @@ def unexplained(
         Whether a straight line, which is the sensor's, is none of what the model could explain.
     """
     found = []
-    for record in problem.records:
-        for output, reading in record.readings.items():
-            left, values = left_of((record.place, output)), reading.measured
-            if not len(values):
-                continue
-            if reading.has_bounds:
-                left = left[reading.exact[reading.used]]
-            about = values - values.mean()
-            if beside_drift:
-                columns = constants(record.times_of(output))
-                about = values - columns @ np.linalg.lstsq(columns, values, rcond=None)[0]
-            residual = problem.noise[record.place, output] * math.sqrt(float(left @ left) / len(left))
-            varies = math.sqrt(float(about @ about) / len(about))
-            is_noise = len(values) >= _ENOUGH and residual <= _NOISE * reading.noise
-            if residual < _HALF * varies or is_noise or varies == 0.0:
-                continue
-            channel = CHANNELS[output]
-            lines = [f"{channel.to_display(size):.3g} {channel.display_unit}" for size in (residual, varies)]
-            percent = math.floor(100.0 * (1.0 - (residual / varies) ** 2))
-            share = f"only {percent} % of the variance of" if percent > 0 else "nothing of"
-            found.append(
-                Finding(
-                    _NOTHING,
-                    "error",
-                    f"{record.label}: the model explains {share} the {output}: it "
-                    f"leaves {lines[0]} (rms) of readings that vary by {lines[1]} about their mean",
-                    "do not use this fit: look at what check says of the run, at what is fixed, and give more rows",
-                    channel=output,
-                    values={"residual": residual, "varies": varies},
-                )
+    for (place, output), reading in problem.readings.items():
+        record, left, values = problem.record_at(place), left_of((place, output)), reading.measured
+        if not len(values):
+            continue
+        if reading.has_bounds:
+            left = left[reading.exact[reading.used]]
+        about = values - values.mean()
+        if beside_drift:
+            columns = constants(record.times_of(output))
+            about = values - columns @ np.linalg.lstsq(columns, values, rcond=None)[0]
+        residual = problem.noise[record.place, output] * math.sqrt(float(left @ left) / len(left))
+        varies = math.sqrt(float(about @ about) / len(about))
+        is_noise = len(values) >= _ENOUGH and residual <= _NOISE * reading.noise
+        if residual < _HALF * varies or is_noise or varies == 0.0:
+            continue
+        channel = CHANNELS[output]
+        lines = [f"{channel.to_display(size):.3g} {channel.display_unit}" for size in (residual, varies)]
+        percent = math.floor(100.0 * (1.0 - (residual / varies) ** 2))
+        share = f"only {percent} % of the variance of" if percent > 0 else "nothing of"
+        found.append(
+            Finding(
+                _NOTHING,
+                "error",
+                f"{record.label}: the model explains {share} the {output}: it "
+                f"leaves {lines[0]} (rms) of readings that vary by {lines[1]} about their mean",
+                "do not use this fit: look at what check says of the run, at what is fixed, and give more rows",
+                channel=output,
+                values={"residual": residual, "varies": varies},
             )
+        )
     return found
 
 

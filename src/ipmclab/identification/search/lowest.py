@@ -12,7 +12,7 @@ import numpy as np
 from ipmclab.errors import InputError
 from ipmclab.identification.problem.free import FreeParameters
 from ipmclab.identification.problem.problem import Noise, Problem
-from ipmclab.identification.problem.record import PreparedRun
+from ipmclab.identification.problem.record import PreparedRun, at_their_rows
 from ipmclab.identification.search.along import along_valleys
 from ipmclab.identification.search.as_good import allowed_places
 from ipmclab.identification.search.descent import LONGEST, SHORTLY, at_floor, minimum, minimum_near, to_the_end, weigh
@@ -21,7 +21,7 @@ from ipmclab.identification.search.edges import between_other_rows
 from ipmclab.identification.search.pose import entries_at, is_size_of_leak, problem_at, without_leak
 from ipmclab.identification.search.solve import Solution
 from ipmclab.identification.search.starts.start import StartingPoint, known_first, starting_points
-from ipmclab.identification.search.starts.start_in_state import in_one_state, moved_back, nowhere, there_alone
+from ipmclab.identification.search.starts.start_in_state import in_one_state, moved_back, there_alone
 from ipmclab.identification.search.valleys import AS_GOOD, Minima, Place, Rival, Valley
 from ipmclab.model import Actuator
 from ipmclab.model.declared import electrical, has_several_minima, is_of_leak
@@ -57,7 +57,9 @@ def _points(actuator: Actuator, names: FreeParameters, records: Sequence[Prepare
         return known_first(actuator, names, records, _circuit_first(actuator, names, records))
     strip, fewer = there_alone(actuator, names, alike)
     circuit = _circuit_first(strip, fewer, alike)
-    points = known_first(strip, fewer, alike, circuit) if fewer.actuator else [nowhere(records)]
+    points = (
+        known_first(strip, fewer, alike, circuit) if fewer.actuator else [StartingPoint({}, at_their_rows(records))]
+    )
     return [moved_back(actuator, names, point, alike, records) for point in points]
 
 

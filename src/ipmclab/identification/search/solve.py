@@ -322,7 +322,7 @@ def _trust_region(
     return Solution(point, last, found.status > 0, _REASONS[found.status], int(found.nfev))
 
 
-@dataclass
+@dataclass(eq=False)
 class _Left(Exception):
     """A search that is left: at a minimum, for a valley whose floor hardly falls has no last step, or far from one."""
 

@@ -110,7 +110,10 @@ def uncertainty(correlated: Correlated, fixed: Mapping[str, Mapping[str, float]]
         nothing = np.zeros((0, 0))
         none = dict.fromkeys((*fixed, *exact), np.zeros(0))
         return Uncertainty(nothing, np.zeros(0), nothing, nothing, np.zeros(0), none, (), np.zeros(0), slopes=none)
-    singular, directions = _of_the_asked(evaluation, nuisance)
+    # Of the Jacobian of the unknowns that are asked for, the others averaged out.
+    singular, directions = evaluation.spectrum
+    if nuisance.any():
+        _, singular, directions = np.linalg.svd(left_of_the_asked(evaluation, nuisance))
     asked = len(directions)
     determined = singular > rank_threshold(evaluation, singular[0]) if singular[0] > 0 else np.zeros(asked, dtype=bool)
     inverse = directions[determined].T / singular[determined]
@@ -185,14 +188,6 @@ def uncertainty(correlated: Correlated, fixed: Mapping[str, Mapping[str, float]]
 def _even(residual: FloatArray, growing: Growth | None) -> FloatArray:
     """Residuals that are all as large: large ones that stand together are else taken for autocorrelated ones."""
     return residual if growing is None else np.asarray(residual / np.sqrt(growing.variance))
-
-
-def _of_the_asked(evaluation: Evaluation, nuisance: npt.NDArray[np.bool_]) -> tuple[FloatArray, FloatArray]:
-    """Singular values and directions of the Jacobian of the asked unknowns, the others averaged out."""
-    if not nuisance.any():
-        return evaluation.spectrum
-    _, singular, directions = np.linalg.svd(left_of_the_asked(evaluation, nuisance))
-    return singular, directions
 
 
 def left_of_the_asked(evaluation: Evaluation, nuisance: npt.NDArray[np.bool_]) -> FloatArray:

@@ -125,7 +125,7 @@ def _model_error(correlated: Correlated, key: Key) -> tuple[float, float] | None
     if key not in correlated.shapes or correlated.is_weighted:
         return None
     sizes = at_rest_and_driven(correlated, key)
-    scatter = correlated.problem.record_at(key[0]).readings[key[1]].noise
+    scatter = correlated.problem.readings[key].noise
     return sizes if sizes is not None and sizes[1] > max(_MUCH_MORE * sizes[0], _SCATTER * scatter) else None
 
 

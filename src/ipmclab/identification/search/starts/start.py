@@ -11,7 +11,7 @@ import numpy as np
 from ipmclab.identification.problem.edge_delay import EdgeDelay, starts_of
 from ipmclab.identification.problem.free import FreeParameters
 from ipmclab.identification.problem.means import in_means
-from ipmclab.identification.problem.record import PreparedRun
+from ipmclab.identification.problem.record import PreparedRun, at_their_rows
 from ipmclab.identification.problem.response import lumped
 from ipmclab.identification.search.starts.start_circuit import circuit_values, find_circuit
 from ipmclab.identification.search.starts.start_coupling import coupling_starts, relaxation_start
@@ -48,7 +48,7 @@ def starting_points(
 ) -> Iterator[StartingPoint]:
     """Starting points, the most likely first; around a circuit where that is found already."""
     free = set(names.actuator)
-    delays = {record.place: record.at_its_rows for record in records if record.delay_is_free}
+    delays = at_their_rows(records)
     usual = _usual(actuator, free)
     bases = [usual]
     exact = False

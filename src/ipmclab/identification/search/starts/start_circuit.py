@@ -10,7 +10,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from ipmclab.identification.problem.edge_delay import EdgeDelay, starts_of
-from ipmclab.identification.problem.record import LONGEST_DELAY, PreparedRun, drive
+from ipmclab.identification.problem.record import LONGEST_DELAY, PreparedRun, at_their_rows, drive
 from ipmclab.identification.search.searched_run import SearchedRun, moves_of_rows
 from ipmclab.identification.search.varpro import PoleFit, search_poles
 from ipmclab.model import geometry
@@ -72,7 +72,7 @@ def _found(
     records: Sequence[PreparedRun], branches: int, series: float | None
 ) -> tuple[Admittance, dict[int, EdgeDelay]]:
     """``find_circuit``"""
-    delays = {record.place: record.at_its_rows for record in records if record.delay_is_free}
+    delays = at_their_rows(records)
     timed = [record for record in records if not record.delay_is_free]
     # Each by itself: beside another whose edges are no better known it would only seem to be located.
     allowed = {

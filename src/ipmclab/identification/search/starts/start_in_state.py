@@ -10,7 +10,7 @@ import numpy as np
 
 from ipmclab.identification.problem.free import FreeParameters
 from ipmclab.identification.problem.in_state import in_state
-from ipmclab.identification.problem.record import PreparedRun
+from ipmclab.identification.problem.record import PreparedRun, at_their_rows
 from ipmclab.identification.search.starts.start import StartingPoint
 from ipmclab.model import Actuator
 from ipmclab.model.environment.laws import is_of_environment
@@ -63,11 +63,6 @@ def there_alone(
     return Actuator(actuator.name, stages, stated, actuator.sample), fewer
 
 
-def nowhere(records: Sequence[PreparedRun]) -> StartingPoint:
-    """A start where nothing of the strip itself is free."""
-    return StartingPoint({}, {record.place: record.at_its_rows for record in records if record.delay_is_free})
-
-
 def moved_back(
     actuator: Actuator,
     names: FreeParameters,
@@ -82,8 +77,7 @@ def moved_back(
         name: value * actuator[name] / ratios[name] if ratios.get(name) else value
         for name, value in point.values.items()
     }
-    elsewhere = {record.place: record.at_its_rows for record in records if record.delay_is_free}
-    return StartingPoint({**values, **laws}, {**elsewhere, **point.delays})
+    return StartingPoint({**values, **laws}, {**at_their_rows(records), **point.delays})
 
 
 def _usual_laws(actuator: Actuator, names: FreeParameters) -> dict[str, float]:
