@@ -15,7 +15,6 @@ from ipmclab.fit.fit_table import changed
 from ipmclab.fit.output_diagnosis import OutputDiagnosis
 from ipmclab.fit.set_point import set_point_findings
 from ipmclab.identification.observed import observation, residuals
-from ipmclab.identification.problem.order import Order
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.problem.stated import stated_covariance
 from ipmclab.identification.problem.unknowns import Unknown
@@ -23,7 +22,7 @@ from ipmclab.identification.search.doubts import message, unexplained
 from ipmclab.identification.search.solve import Solution
 from ipmclab.identification.search.valleys import Rival
 from ipmclab.identification.solved import Estimate
-from ipmclab.identification.uncertainty.covariance import MOVED, Uncertainty, uncertainty
+from ipmclab.identification.uncertainty.covariance import MOVED, Table, Uncertainty, covariance_table, uncertainty
 from ipmclab.identification.uncertainty.interval import (
     as_determined,
     edges_are_open,
@@ -36,7 +35,6 @@ from ipmclab.identification.uncertainty.interval import (
     values_within_bounds,
     with_rivals,
 )
-from ipmclab.identification.uncertainty.known_covariance import Table, covariance_table
 from ipmclab.identification.uncertainty.noise_found import drift_findings, noise_findings
 from ipmclab.identification.undetermined.cures import fast_modes
 from ipmclab.identification.undetermined.diagnosis import (
@@ -51,6 +49,7 @@ from ipmclab.identification.undetermined.leaning import leaning_findings
 from ipmclab.identification.undetermined.practical import practical
 from ipmclab.model import Actuator
 from ipmclab.model.environment.age import AGE, Age
+from ipmclab.model.order import Order
 from ipmclab.model.parameters import Parameter
 from ipmclab.run import Finding, FloatArray, Run
 from ipmclab.units import CHANNELS

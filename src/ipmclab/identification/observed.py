@@ -10,8 +10,8 @@ import numpy as np
 from ipmclab.fit.observation import Observation
 from ipmclab.fit.row_marks import RowMarks
 from ipmclab.identification.noise.correlate import Correlated
-from ipmclab.identification.problem.order import Order
 from ipmclab.identification.problem.record import PreparedRun
+from ipmclab.model.order import Order
 from ipmclab.run import FloatArray, Run
 
 

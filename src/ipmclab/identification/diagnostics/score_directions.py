@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 
 from ipmclab.errors import IpmclabError
-from ipmclab.identification.problem.excitation import excitation
 from ipmclab.identification.problem.free_run import seen_from_sensor
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.problem.record import PreparedRun, model_hold
 from ipmclab.model import Actuator
+from ipmclab.model.excitation import excitation
 from ipmclab.model.kinds import kinds
 from ipmclab.model.outputs import simulate_outputs
 from ipmclab.model.stages.kind import Trial

@@ -10,16 +10,16 @@ from typing import Final
 import numpy as np
 
 from ipmclab.fit.fit import Fit
-from ipmclab.identification.problem.in_state import InState, in_state
-from ipmclab.identification.problem.order import Order
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.problem.record import PreparedRun
 from ipmclab.identification.search.solve import Solution
 from ipmclab.model.environment import Environment, equilibrium
 from ipmclab.model.environment.laws import is_of_environment
 from ipmclab.model.environment.sorption import slope
+from ipmclab.model.order import Order
 from ipmclab.normal_equations import inverse
 from ipmclab.run import Finding, FloatArray
+from ipmclab.strip_state.in_state import InState, in_state
 from ipmclab.strip_state.run_state import RunState
 from ipmclab.strip_state.state_of_run import HUMIDITY_ERROR
 

@@ -11,7 +11,6 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.identification.problem.evaluation import Evaluation
-from ipmclab.identification.problem.in_state import InState, in_state
 from ipmclab.identification.problem.means import in_means
 from ipmclab.identification.problem.place import Place
 from ipmclab.identification.problem.record import LEAST_NOISE, PreparedRun, Reading
@@ -22,6 +21,7 @@ from ipmclab.model.environment import sorption
 from ipmclab.model.sensitivity import Sensitivities, widened
 from ipmclab.progress import tick
 from ipmclab.run import FloatArray
+from ipmclab.strip_state.in_state import InState, in_state
 from ipmclab.strip_state.run_state import RunState
 
 Mask = npt.NDArray[np.bool_]

@@ -8,10 +8,10 @@ from typing import Final
 
 import numpy as np
 
-from ipmclab.identification.problem.order import Order, exchangeable
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.problem.unknowns import Unknown
 from ipmclab.identification.search.solve import Solution
+from ipmclab.model.order import Order, exchangeable
 from ipmclab.run import FloatArray
 
 AS_GOOD: Final = 4.0

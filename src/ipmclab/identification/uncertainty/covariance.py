@@ -23,6 +23,9 @@ from ipmclab.run import FloatArray
 from ipmclab.statespace.long_run import long_run
 from ipmclab.statespace.screen import of_neighbours
 
+Table = Mapping[str, Mapping[str, float]]
+"""Of names, and of names: a covariance [SI]."""
+
 MOVED: Final = 1e-3
 """Part of a direction of which the readings say nothing from which an entry moves along it: less is rounding."""
 
@@ -84,7 +87,7 @@ def is_coloured(residual: FloatArray) -> bool:
     return len(residual) > 0 and of_neighbours(residual - np.mean(residual)) < REJECT
 
 
-def uncertainty(correlated: Correlated, fixed: Mapping[str, Mapping[str, float]], exact: Sequence[str]) -> Uncertainty:
+def uncertainty(correlated: Correlated, fixed: Table, exact: Sequence[str]) -> Uncertainty:
     """Covariance, rank and leverage at a solution.
 
     The solution is that of least squares, with the pseudo-inverse A of its Jacobian; the readings have noise of
@@ -196,3 +199,38 @@ def left_of_the_asked(evaluation: Evaluation, nuisance: npt.NDArray[np.bool_]) -
     first = int(np.count_nonzero(nuisance))
     # With the others in front, the lower right block is what is left of the asked ones.
     return np.asarray(np.linalg.qr(evaluation.triangle[:, order], mode="r"))[first:, first:]
+
+
+def covariance_table(
+    names: Sequence[str],
+    entries: FloatArray,
+    chains: Sequence[float],
+    slopes: Mapping[str, FloatArray],
+    stated: Table,
+) -> dict[str, dict[str, float]]:
+    """Covariance [SI] of what was fitted and of what was held at a stated uncertainty, which moves with it.
+
+    Parameters
+    ----------
+    names : sequence of str
+        What was fitted.
+    entries : float array, shape (n, n)
+        Covariance of their entries in the vector of the fit.
+    chains : sequence of float
+        Derivative of each value by its entry.
+    slopes : mapping of name to float array, shape (n,)
+        Derivative of each entry by a held parameter [1/SI].
+    stated : mapping of name to mapping of name to float [SI]
+        Covariance of the held parameters.
+    """
+    every = [*names, *stated]
+    count = len(names)
+    scaled = np.zeros((len(every), len(every)))
+    scaled[:count, :count] = entries * np.outer(chains, chains)
+    if stated:
+        held = np.array([[row[other] for other in stated] for row in stated.values()])
+        moved = np.array([slopes[name] for name in stated]) * chains
+        scaled[count:, count:] = held
+        scaled[count:, :count] = held @ moved
+        scaled[:count, count:] = scaled[count:, :count].T
+    return {name: dict(zip(every, row, strict=True)) for name, row in zip(every, scaled.tolist(), strict=True)}

@@ -54,18 +54,6 @@ class Point:
     is_found: bool = True
 
 
-def one_side(
-    problem: Problem, solution: Solution, place: int, error: float, threshold: float
-) -> tuple[float, list[Point]]:
-    """One side of a profile: where it crosses a threshold, infinite where it does not, and the points on the way.
-
-    A negative error walks downwards.
-    """
-    walk = Walk(problem, solution, place, error)
-    away = walk.distance(math.sqrt(threshold))
-    return float(solution.theta[place]) + math.copysign(1.0, error) * away, walk.points[1:]
-
-
 class Walk:
     """One side of a profile, walked as far as it is asked for.
 

@@ -16,12 +16,12 @@ import numpy as np
 
 from ipmclab.fit.practical import CollinearSet, Combination, Practical
 from ipmclab.identification.problem.evaluation import Evaluation
-from ipmclab.identification.problem.order import Order
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.search.solve import Solution
 from ipmclab.identification.search.tangent import STRUCTURAL, rank_threshold
 from ipmclab.identification.uncertainty.covariance import MOVED, left_of_the_asked
 from ipmclab.identification.undetermined.diagnosis import sizes
+from ipmclab.model.order import Order
 from ipmclab.run import FloatArray
 from ipmclab.ties import largest_first, upright
 

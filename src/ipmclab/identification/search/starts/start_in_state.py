@@ -9,11 +9,11 @@ from typing import Final
 import numpy as np
 
 from ipmclab.identification.problem.free import FreeParameters
-from ipmclab.identification.problem.in_state import in_state
 from ipmclab.identification.problem.record import PreparedRun, at_their_rows
 from ipmclab.identification.search.starts.start import StartingPoint
 from ipmclab.model import Actuator
 from ipmclab.model.environment.laws import is_of_environment
+from ipmclab.strip_state.in_state import in_state
 
 _ALIKE: Final = 0.1  # of a water content, and of a temperature in 50 K: states whose runs are taken together
 
