@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import product
 from typing import Final
 
@@ -124,10 +125,10 @@ def _information_of(
     values = problem.in_reference(solution.theta, problem.records[0].place)
     water = equilibrium(values, Environment(temperature, humidity)).water_content
     uncertainty = float(slope(values, humidity / 100.0)) * HUMIDITY_ERROR / 100.0
-    record = min(problem.records, key=lambda one: _distance(one, water, temperature))
-    old = record.state
-    assert old is not None
-    state = RunState(water, uncertainty, "assumed", temperature, humidity, doses=old.doses)
+    new = RunState(water, uncertainty, "assumed", temperature, humidity)
+    runs = [(record, state) for record in problem.records if (state := record.state) is not None]
+    record, old = min(runs, key=lambda run: sum(abs(a - b) for a, b in zip(run[1].place, new.place, strict=True)))
+    state = replace(new, doses=old.doses)
     unknowns = [problem.unknowns[place] for place in asked]
     shared = [u.base if u.base in values and u.belongs_to(record.place) else "" for u in unknowns]
     names = [name for name in shared if name]
@@ -163,14 +164,6 @@ def _of_parameters(problem: Problem, solution: Solution, record: PreparedRun, he
             columns = columns - columns.mean(axis=0)
         total += columns.T @ columns
     return total
-
-
-def _distance(record: PreparedRun, water: float, temperature: float) -> float:
-    state = record.state
-    assert state is not None
-    assert state.water_content is not None
-    assert state.temperature is not None
-    return abs(math.log(state.water_content / water)) + abs(state.temperature - temperature) / 50.0
 
 
 def _without(products: FloatArray, kept: Sequence[int], others: Sequence[int]) -> FloatArray:

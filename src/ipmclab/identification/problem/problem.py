@@ -22,7 +22,6 @@ from ipmclab.model.sensitivity import Sensitivities, widened
 from ipmclab.progress import tick
 from ipmclab.run import FloatArray
 from ipmclab.strip_state.in_state import InState, in_state
-from ipmclab.strip_state.run_state import RunState
 
 Mask = npt.NDArray[np.bool_]
 Noise = Mapping[tuple[int, str], float]
@@ -187,8 +186,7 @@ class Problem:
 
     def values(self, theta: FloatArray, place: int) -> dict[str, float]:
         """The actuator's parameters as one run has them, in the state in which its strip was."""
-        reference, state = self.in_reference(theta, place), self.places[place].state
-        return reference if state is None else self._in_state(theta, place, state, ()).values
+        return self._there(theta, place, ()).values
 
     def in_reference(self, theta: FloatArray, place: int) -> dict[str, float]:
         """The actuator's parameters for one run as they are in the reference state of its laws."""
@@ -197,11 +195,13 @@ class Problem:
             found[unknown.base] = unknown.value(float(theta[column]))
         return found
 
-    def _in_state(self, theta: FloatArray, place: int, state: RunState, names: Sequence[str]) -> InState:
+    def _there(self, theta: FloatArray, place: int, names: Sequence[str]) -> InState:
         """The parameters of one run in its state, with derivatives by some of those of the reference state."""
-        own = self.places[place]
+        own, reference = self.places[place], self.in_reference(theta, place)
+        if own.state is None:
+            return InState(reference, tuple(names), np.eye(len(names)), np.zeros(len(names)), {})
         rates = {unknown.base: unknown.value(float(theta[column])) for column, unknown in own.ages}
-        return in_state(self.in_reference(theta, place), state, names, water=self.water(theta, place), rates=rates)
+        return in_state(reference, own.state, names, water=self.water(theta, place), rates=rates)
 
     def water(self, theta: FloatArray, place: int) -> float | None:
         """The water content at which a run has its readings; None where it is exact."""
@@ -213,17 +213,10 @@ class Problem:
     def _moved(self, theta: FloatArray, place: int) -> tuple[dict[str, float], Sequence[str], FloatArray]:
         """The parameters of one run [SI], those that move, and their derivatives by the entries of the vector."""
         own = self.places[place]
-        if own.state is None:
-            values = self.in_reference(theta, place)
-            chains = np.zeros((len(theta), len(own.names)))
-            for number, (column, unknown) in enumerate(own.columns):
-                chains[column, number] = unknown.chain(values[unknown.base])
-            return values, own.names, chains
-        reference = self.in_reference(theta, place)
-        there = self._in_state(theta, place, own.state, own.names)
+        there = self._there(theta, place, own.names)
         chains = np.zeros((len(theta), len(there.names)))
-        for number, (column, unknown) in enumerate(own.columns):
-            chains[column] = unknown.chain(reference[unknown.base]) * there.by[number]
+        for (column, unknown), by in zip(own.columns, there.by, strict=True):
+            chains[column] = unknown.chain(unknown.value(float(theta[column]))) * by
         for column, unknown in own.waters:
             humidity = unknown.value(float(theta[column]))
             steep = 1.0 if unknown.base == WATER else float(sorption.slope(self.base, humidity / 100.0)) / 100.0
@@ -284,12 +277,10 @@ class Problem:
         """Derivatives of the residuals with respect to fixed parameters [per SI unit]."""
         parts = []
         for record in self.records:
-            state = self.places[record.place].state
-            there = None if state is None else self._in_state(theta, record.place, state, names)
-            values = self.values(theta, record.place) if there is None else there.values
-            response = self._response(record, values, theta, names if there is None else there.names)
+            there = self._there(theta, record.place, names)
+            response = self._response(record, there.values, theta, there.names)
             for row, (output, reading) in enumerate(record.readings.items()):
-                moved = response.parameters[row] if there is None else response.parameters[row] @ there.by.T
+                moved = response.parameters[row] if record.state is None else response.parameters[row] @ there.by.T
                 columns = moved / self.noise[record.place, output]
                 if reading.has_bounds:
                     columns[self._quiet(record, output, theta, response.values[row])] = 0.0

@@ -184,21 +184,19 @@ def _of_run(
 
 def with_known(unknowns: Sequence[Unknown], priors: Mapping[str, Prior]) -> list[Unknown]:
     """The unknowns, with what is known of them beforehand."""
-    found = [u if u.base not in priors else u.known(priors[u.base].value, priors[u.base].uncertainty) for u in unknowns]
-    deviations = {u.base: (u.chain(priors[u.base].value), u.prior[1]) for u in found if u.prior is not None}
-    tied = [
-        replace(
-            u,
-            follows={
-                other: (slope * deviations[other][0] / deviations[u.base][0], deviations[other][1])
-                for other, slope in priors[u.base].follows.items()
-            },
-        )
-        if u.base in priors
-        else u
-        for u in found
-    ]
-    return [_within(u) if u.base in priors and priors[u.base].merely_uncertain else u for u in tied]
+    known = [u if u.base not in priors else u.known(priors[u.base].value, priors[u.base].uncertainty) for u in unknowns]
+    deviations = {u.base: (u.chain(priors[u.base].value), u.prior[1]) for u in known if u.prior is not None}
+    found = []
+    for unknown in known:
+        if unknown.base in priors:
+            prior, (chain, _) = priors[unknown.base], deviations[unknown.base]
+            others = ((other, slope, *deviations[other]) for other, slope in prior.follows.items())
+            unknown = replace(
+                unknown, follows={one: (slope * own / chain, deviation) for one, slope, own, deviation in others}
+            )
+            unknown = _within(unknown) if prior.merely_uncertain else unknown
+        found.append(unknown)
+    return found
 
 
 def known_together(unknowns: Sequence[Unknown], covariance: Mapping[str, Mapping[str, float]]) -> list[Unknown]:

@@ -49,7 +49,9 @@ def starting_points(
     """Starting points, the most likely first; around a circuit where that is found already."""
     free = set(names.actuator)
     delays = at_their_rows(records)
-    usual = _usual(actuator, free)
+    # A usual size of each free parameter that has one; what the readings tell of it comes over it.
+    declared = actuator.structure.declarations
+    usual = {name: size for name in sorted(free) if (size := declared[name].usual) is not None}
     bases = [usual]
     exact = False
     if circuit is not None:
@@ -117,12 +119,6 @@ def _with_leak(
     most = _LEAK_STARTS + free.isdisjoint(SERIES)
     starts = leak_starts(strip, free, [in_means(record) or record for record in records], starts_of(delays), most)
     return [{**base, **_freed(start, free)} for start in starts]
-
-
-def _usual(actuator: Actuator, free: set[str]) -> dict[str, float]:
-    """A usual size of each free parameter that has one; what the readings tell of it comes over it."""
-    declared = actuator.structure.declarations
-    return {name: usual for name in sorted(free) if (usual := declared[name].usual) is not None}
 
 
 def _motion_starts(

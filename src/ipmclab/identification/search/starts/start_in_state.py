@@ -25,10 +25,11 @@ def in_one_state(records: Sequence[PreparedRun]) -> list[PreparedRun] | None:
     ----------
     records : sequence of PreparedRun
     """
-    if any(record.state is None or record.state.water_content is None for record in records):
+    states = [record.state for record in records if record.state is not None and record.state.water_content is not None]
+    if len(states) < len(records):
         return None
     outputs = {output for record in records for output in record.readings}
-    places = np.array([_place(record) for record in records])
+    places = np.array([state.place for state in states])
     best: list[PreparedRun] = []
     for place in places:
         near = [
@@ -41,14 +42,6 @@ def in_one_state(records: Sequence[PreparedRun]) -> list[PreparedRun] | None:
             best = near
     # Where no state has every output, all runs together are a start.
     return best or list(records)
-
-
-def _place(record: PreparedRun) -> tuple[float, float]:
-    state = record.state
-    assert state is not None
-    assert state.water_content is not None
-    assert state.temperature is not None
-    return float(np.log(state.water_content)), state.temperature / 50.0
 
 
 def there_alone(
