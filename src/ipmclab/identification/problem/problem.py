@@ -212,11 +212,16 @@ class Problem:
 
     def _moved(self, theta: FloatArray, place: int) -> tuple[dict[str, float], Sequence[str], FloatArray]:
         """The parameters of one run [SI], those that move, and their derivatives by the entries of the vector."""
-        own = self.places[place]
+        own, reference = self.places[place], self.in_reference(theta, place)
+        if own.state is None:
+            chains = np.zeros((len(theta), len(own.names)))
+            for number, (column, unknown) in enumerate(own.columns):
+                chains[column, number] = unknown.chain(reference[unknown.base])
+            return reference, own.names, chains
         there = self._there(theta, place, own.names)
         chains = np.zeros((len(theta), len(there.names)))
-        for (column, unknown), by in zip(own.columns, there.by, strict=True):
-            chains[column] = unknown.chain(unknown.value(float(theta[column]))) * by
+        for number, (column, unknown) in enumerate(own.columns):
+            chains[column] = unknown.chain(reference[unknown.base]) * there.by[number]
         for column, unknown in own.waters:
             humidity = unknown.value(float(theta[column]))
             steep = 1.0 if unknown.base == WATER else float(sorption.slope(self.base, humidity / 100.0)) / 100.0

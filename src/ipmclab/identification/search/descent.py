@@ -59,12 +59,10 @@ def minimum(
     means = problem.on_means
     # A circuit alone affords to be searched to the last digit, along whatever valley.
     tolerance, patience = (_CHEAP, None) if problem.is_circuit else (_COSTLY, PATIENCE)
+    search = partial(_searched, evaluations=evaluations, patience=patience)
     if means is None:
-        return _searched(
-            problem, theta, here, evaluations=evaluations, tolerance=tolerance, patience=patience, fall=fall
-        )
-    near = _searched(means, theta, evaluations=evaluations, tolerance=NEAR, patience=patience, fall=fall)
-    found = on_every_row(problem, near)
+        return search(problem, theta, here, tolerance=tolerance, fall=fall)
+    found = on_every_row(problem, search(means, theta, tolerance=NEAR, fall=fall))
     if not found.converged:
         return found
     for _ in range(_CORRECTED):
@@ -72,11 +70,8 @@ def minimum(
         if left <= _THERE:
             return replace(found, converged=True, message=THERE)
         corrected = Shifted(means, correction(means.evaluate(found.theta), found.evaluation))
-        near = on_every_row(
-            problem,
-            minimise(corrected, found.theta, evaluations=evaluations, tolerance=NEAR, patience=patience),
-        )
-        near = replace(near, evaluations=near.evaluations + found.evaluations)
+        near = minimise(corrected, found.theta, evaluations=evaluations, tolerance=NEAR, patience=patience)
+        near = replace(on_every_row(problem, near), evaluations=found.evaluations + 1)
         fallen = found.evaluation.cost - near.evaluation.cost
         if abs(fallen) <= HARDLY_FALLS * found.evaluation.per_residual:
             # Along a valley in which the cost hardly falls there is no last step: it ends where the means have ended.
@@ -84,7 +79,7 @@ def minimum(
         if fallen < 0.0:
             break  # so far from a minimum means are no guide
         found = near
-    last = _searched(problem, found.theta, found.evaluation, evaluations=evaluations, tolerance=NEAR, patience=patience)
+    last = search(problem, found.theta, found.evaluation, tolerance=NEAR)
     return replace(last, evaluations=last.evaluations + found.evaluations)
 
 

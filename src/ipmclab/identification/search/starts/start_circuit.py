@@ -63,26 +63,23 @@ def find_circuit(
     series : float [ohm] or None
         Electrodes and contact, where they are known: they tell which delays belong to a circuit that can exist.
     """
+
+    def found() -> tuple[Admittance, dict[int, EdgeDelay]]:
+        delays = at_their_rows(records)
+        timed = [record for record in records if not record.delay_is_free]
+        # Each by itself: beside another whose edges are no better known it would only seem to be located.
+        allowed = {
+            record.place: _locate([*timed, record], record, branches, series)
+            for record in records
+            if record.place in delays and record.shows_edges
+        }
+        if allowed:
+            delays |= _beside_each_other(records, allowed, starts_of(delays), branches)
+        return admittance_of(fitted_poles(current_series(records, starts_of(delays)), branches)), delays
+
     first, *others = records
     # A fit asks once; each stage that it is then tried with asks the same again.
-    return first.keep((*others, branches, series), lambda: _found(records, branches, series))
-
-
-def _found(
-    records: Sequence[PreparedRun], branches: int, series: float | None
-) -> tuple[Admittance, dict[int, EdgeDelay]]:
-    """``find_circuit``"""
-    delays = at_their_rows(records)
-    timed = [record for record in records if not record.delay_is_free]
-    # Each by itself: beside another whose edges are no better known it would only seem to be located.
-    allowed = {
-        record.place: _locate([*timed, record], record, branches, series)
-        for record in records
-        if record.place in delays and record.shows_edges
-    }
-    if allowed:
-        delays |= _beside_each_other(records, allowed, starts_of(delays), branches)
-    return admittance_of(fitted_poles(current_series(records, starts_of(delays)), branches)), delays
+    return first.keep((*others, branches, series), found)
 
 
 def _beside_each_other(

@@ -26,7 +26,7 @@ from ipmclab.model import Actuator
 from ipmclab.model.admittance import Admittance, admittance
 from ipmclab.model.declared import is_of_leak
 from ipmclab.model.numerics.drive import Drive, responses
-from ipmclab.model.stages.leak import ELECTROLYSIS
+from ipmclab.model.stages.leak import ELECTROLYSIS, current_density
 from ipmclab.run import FloatArray
 
 _EDGE: Final = 0.05  # of the largest voltage: a jump at a row
@@ -113,26 +113,6 @@ def leak_starts(
             values |= circuit_values(circuit_with(leak), actuator.parameter_values, node.series_resistance)[0]
         found.append(values)
     return found
-
-
-def current_density(form: str, coefficients: Sequence[float], voltage: FloatArray) -> FloatArray:
-    """What leaks through each area [A/m^2] (see ``model.stages.leak``).
-
-    Parameters
-    ----------
-    form : str
-    coefficients : sequence of three floats
-        In the order of the form's parameters.
-    voltage : float array [V]
-        Behind the electrodes.
-    """
-    first, second, third = coefficients
-    size = np.abs(voltage)
-    if form == "cubic":
-        return np.asarray(voltage * (first + size * (second + size * third)))
-    above = np.clip((size - second) / third, 0.0, 700.0)
-    grown = np.expm1(above) if form == "exponential" else 2.0 * np.sinh(0.5 * above)
-    return np.asarray(np.sign(voltage) * first * grown)
 
 
 @dataclass(frozen=True, eq=False)
