@@ -22,7 +22,7 @@ from ipmclab.identification.search.doubts import message, unexplained
 from ipmclab.identification.search.solve import Solution
 from ipmclab.identification.search.valleys import Rival
 from ipmclab.identification.solved import Estimate
-from ipmclab.identification.uncertainty.covariance import MOVED, Table, Uncertainty, covariance_table, uncertainty
+from ipmclab.identification.uncertainty.covariance import MOVED, Uncertainty, covariance_table, uncertainty
 from ipmclab.identification.uncertainty.interval import (
     as_determined,
     edges_are_open,
@@ -51,6 +51,7 @@ from ipmclab.model import Actuator
 from ipmclab.model.environment.age import AGE, Age
 from ipmclab.model.order import Order
 from ipmclab.model.parameters import Parameter
+from ipmclab.named_matrix import Table, table_of
 from ipmclab.run import Finding, FloatArray, Run
 from ipmclab.units import CHANNELS
 from ipmclab.version import __version__
@@ -190,7 +191,7 @@ def build_fit(
         evaluations=solution.evaluations,
         residuals=residuals(result.correlated),
         software_version=__version__,
-        practical=practical(problem, solution, order),
+        practical=practical(problem, values, solution.evaluation, order),
         covariance=_covariance(asked, values, found, stated, order),
         diagnoses=diagnoses,
         known=known_quantities(actuator, points),
@@ -279,7 +280,7 @@ def _correlations(
     places = [names.index(name) for name, is_known in zip(asked, known, strict=True) if is_known]
     matrix[np.ix_(places, places)] = (found.covariance.clip(-most, most) / most)[np.ix_(known, known)]
     np.fill_diagonal(matrix, 1.0)
-    return {name: dict(zip(names, row, strict=True)) for name, row in zip(names, matrix.tolist(), strict=True)}
+    return table_of(names, matrix)
 
 
 def _covariance(

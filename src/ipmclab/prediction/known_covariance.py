@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ipmclab.confidence import wider_for_few
-from ipmclab.identification.uncertainty.covariance import Table
 from ipmclab.measurement.random_effect import FEWEST
+from ipmclab.named_matrix import Table, matrix_of
 from ipmclab.run import FloatArray
 
 
@@ -64,8 +64,7 @@ def known_of(
     of_others = {base: _of_another(found) for base, found in remaining.items() if len(found) >= FEWEST}
     names = (*chosen, *of_others)
     covariance = np.zeros((len(names), len(names)))
-    full = np.array([[table[one][other] for other in chosen.values()] for one in chosen.values()])
-    covariance[: len(chosen), : len(chosen)] = full.reshape(len(chosen), len(chosen))
+    covariance[: len(chosen), : len(chosen)] = matrix_of(table, chosen.values())
     covariance[range(len(chosen), len(names)), range(len(chosen), len(names))] = list(of_others.values())
     return KnownCovariance(names, covariance, tuple(base for base in remaining if base not in of_others))
 

@@ -22,6 +22,7 @@ from ipmclab.model.declared import declaration_of, largest_proportional
 from ipmclab.model.environment.age import Age
 from ipmclab.model.parameters import Parameter
 from ipmclab.model.stages.coupling import ZERO
+from ipmclab.named_matrix import Table, matrix_of
 from ipmclab.run import FloatArray
 
 
@@ -199,7 +200,7 @@ def with_known(unknowns: Sequence[Unknown], priors: Mapping[str, Prior]) -> list
     return found
 
 
-def known_together(unknowns: Sequence[Unknown], covariance: Mapping[str, Mapping[str, float]]) -> list[Unknown]:
+def known_together(unknowns: Sequence[Unknown], covariance: Table) -> list[Unknown]:
     """Unknowns of which something is known beforehand, each following those before it with which it is wrong together.
 
     Parameters
@@ -212,8 +213,7 @@ def known_together(unknowns: Sequence[Unknown], covariance: Mapping[str, Mapping
     names = [unknown.base for unknown in unknowns]
     deviations = [unknown.prior[1] if unknown.prior is not None else math.inf for unknown in unknowns]
     sizes = [math.sqrt(covariance[name][name]) for name in names]
-    together = np.array([[covariance[one][other] for other in names] for one in names]).reshape(len(names), len(names))
-    correlation = together / np.outer(sizes, sizes)
+    correlation = matrix_of(covariance, names) / np.outer(sizes, sizes)
     found: list[Unknown] = []
     for place, unknown in enumerate(unknowns):
         before = np.flatnonzero(correlation[place, :place])

@@ -20,6 +20,7 @@ from ipmclab.identification.search.solve import Solution
 from ipmclab.identification.search.tangent import entry_errors
 from ipmclab.identification.search.valleys import SURE, SURELY_SOMEWHERE, Rival
 from ipmclab.model import Actuator
+from ipmclab.named_matrix import matrix_of
 from ipmclab.normal_equations import root
 from ipmclab.run import FloatArray
 
@@ -92,7 +93,7 @@ def _may_be_off(actuator: Actuator, held: Mapping[str, float]) -> FloatArray:
     found = np.diag([stated.get(name) or _HELD * abs(value) for name, value in held.items()])
     uncertain = [number for number, name in enumerate(held) if stated.get(name)]
     table = stated_covariance(actuator, [name for name in held if stated.get(name)])
-    together = np.array([list(row.values()) for row in table.values()]).reshape(len(uncertain), len(uncertain))
+    together = matrix_of(table, table)
     if np.count_nonzero(together - np.diag(together.diagonal())):
         found[np.ix_(uncertain, uncertain)] = root(together)
     return found

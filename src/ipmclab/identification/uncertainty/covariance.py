@@ -18,13 +18,11 @@ from ipmclab.identification.noise.weighted_covariance import covariance_of_weigh
 from ipmclab.identification.problem.evaluation import Evaluation
 from ipmclab.identification.search.tangent import rank_threshold
 from ipmclab.identification.uncertainty.unshown_zero import hidden_zeros
+from ipmclab.named_matrix import Table, matrix_of, table_of
 from ipmclab.normal_equations import root
 from ipmclab.run import FloatArray
 from ipmclab.statespace.long_run import long_run
 from ipmclab.statespace.screen import of_neighbours
-
-Table = Mapping[str, Mapping[str, float]]
-"""Of names, and of names: a covariance [SI]."""
 
 MOVED: Final = 1e-3
 """Part of a direction of which the readings say nothing from which an entry moves along it: less is rounding."""
@@ -169,9 +167,8 @@ def uncertainty(correlated: Correlated, fixed: Table, exact: Sequence[str]) -> U
             slopes[name], value = answer[:, column], problem.base[name]
             uncertain = math.sqrt(fixed[name][name]) if name in fixed else 0.0
             leverage[name] = slopes[name] * (0.01 * abs(value) if value else uncertain)
-        together = np.array([[row[other] for other in fixed] for row in fixed.values()])
         passed_on = answer[:, : len(fixed)]
-        covariance = covariance + passed_on @ together.reshape(len(fixed), len(fixed)) @ passed_on.T
+        covariance = covariance + passed_on @ matrix_of(fixed, fixed) @ passed_on.T
     zero = frozenset(name for name in names if problem.base[name] == 0.0)
     return Uncertainty(
         covariance,
@@ -228,9 +225,9 @@ def covariance_table(
     scaled = np.zeros((len(every), len(every)))
     scaled[:count, :count] = entries * np.outer(chains, chains)
     if stated:
-        held = np.array([[row[other] for other in stated] for row in stated.values()])
+        held = matrix_of(stated, stated)
         moved = np.array([slopes[name] for name in stated]) * chains
         scaled[count:, count:] = held
         scaled[count:, :count] = held @ moved
         scaled[:count, count:] = scaled[count:, :count].T
-    return {name: dict(zip(every, row, strict=True)) for name, row in zip(every, scaled.tolist(), strict=True)}
+    return table_of(every, scaled)
