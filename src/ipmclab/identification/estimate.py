@@ -141,12 +141,9 @@ def _at_rest_after_all(under: Correlated, places: Set[int]) -> set[int]:
     White noise is what the first fit assumes. Under autocorrelated noise it contradicts rest far more often
     than its tests say.
     """
-    found = set()
-    for place in places if under.shapes else ():
-        there = under.problem.places[place].starts
-        if there and could_be_zero(under.solution, there, under.covariance_of_all):
-            found.add(place)
-    return found
+    starts = {place: under.problem.places[place].starts for place in places if under.shapes}
+    noise = under.covariance_of_all
+    return {place for place, there in starts.items() if there and could_be_zero(under.solution, there, noise)}
 
 
 def _noisy(

@@ -57,9 +57,8 @@ def _points(actuator: Actuator, names: FreeParameters, records: Sequence[Prepare
         return known_first(actuator, names, records, _circuit_first(actuator, names, records))
     strip, fewer = there_alone(actuator, names, alike)
     circuit = _circuit_first(strip, fewer, alike)
-    points = (
-        known_first(strip, fewer, alike, circuit) if fewer.actuator else [StartingPoint({}, at_their_rows(records))]
-    )
+    nowhere = StartingPoint({}, at_their_rows(records))
+    points = known_first(strip, fewer, alike, circuit) if fewer.actuator else [nowhere]
     return [moved_back(actuator, names, point, alike, records) for point in points]
 
 
@@ -67,8 +66,8 @@ def _search(
     actuator: Actuator, names: FreeParameters, records: Sequence[PreparedRun], points: Sequence[StartingPoint]
 ) -> tuple[Problem, Solution, Minima]:
     """The best minimum from some starts, and the others."""
-    noise = _noise_of(records)
-    posed = _posed(actuator, names, records, points, noise)
+    posed = _posed(actuator, names, records, points)
+    noise = posed[0][0].noise
     smaller = _from_without_leak(posed)
     if smaller is not None:
         posed.append(smaller)
@@ -119,13 +118,10 @@ def _search(
 
 
 def _posed(
-    actuator: Actuator,
-    names: FreeParameters,
-    records: Sequence[PreparedRun],
-    points: Sequence[StartingPoint],
-    noise: Noise,
+    actuator: Actuator, names: FreeParameters, records: Sequence[PreparedRun], points: Sequence[StartingPoint]
 ) -> list[tuple[Problem, FloatArray]]:
     """The problem and the vector of each start."""
+    noise = {(one.place, output): reading.noise for one in records for output, reading in one.readings.items()}
     problems = [problem_at(actuator, names, records, point, noise) for point in points]
     return [(problem, entries_at(problem, point)) for problem, point in zip(problems, points, strict=True)]
 
@@ -202,13 +198,9 @@ def _circuit_first(actuator: Actuator, names: FreeParameters, records: Sequence[
     observed = tuple(name for name in names.observation if name in own)
     fewer = replace(names.of(own_electrical), observation=observed, priors={}, together={}, age=())
     points = list(starting_points(actuator, fewer, with_current))
-    posed = _posed(actuator, fewer, with_current, points, _noise_of(with_current))
+    posed = _posed(actuator, fewer, with_current, points)
     if not posed:
         return None
     problem, solution = to_the_end([(one, minimum(one, theta, evaluations=SHORTLY)) for one, theta in posed])[0]
     found = problem.values(solution.theta, with_current[0].place)
     return StartingPoint({name: found[name] for name in own_electrical}, points[0].delays)
-
-
-def _noise_of(records: Sequence[PreparedRun]) -> Noise:
-    return {(one.place, output): reading.noise for one in records for output, reading in one.readings.items()}
