@@ -80,15 +80,11 @@ def _finding(
 ) -> Finding:
     humidity, temperature = place
     one = fit.parameters[name]
-    quantity = fit.actuator.parameters()[name].quantity
     there = f"{temperature:g} degC, {humidity:g} %RH"
-    error = one.standard_error
-    reason = (
-        ""
-        if math.isinf(error)
-        else f" (standard error {quantity.to_display(error):.2g} {quantity.display_unit})".replace(" )", ")")
-    )
-    after = "" if math.isinf(error) else f": {100.0 * left:.2g} % of that error"
+    reason = after = ""
+    if math.isfinite(one.standard_error):
+        reason = f" (standard error {fit.actuator.parameters()[name].quantity.text(one.standard_error)})"
+        after = f": {100.0 * left:.2g} % of that error"
     values = {"relative_humidity": humidity, "temperature": temperature, "error_left": left}
     if is_open:
         return Finding(

@@ -55,8 +55,7 @@ def unexplained(
         is_noise = len(values) >= _ENOUGH and residual <= _NOISE * reading.noise
         if residual < _HALF * varies or is_noise or varies == 0.0:
             continue
-        channel = CHANNELS[output]
-        lines = [f"{channel.to_display(size):.3g} {channel.display_unit}" for size in (residual, varies)]
+        lines = [CHANNELS[output].text(size, digits=3) for size in (residual, varies)]
         percent = math.floor(100.0 * (1.0 - (residual / varies) ** 2))
         share = f"only {percent} % of the variance of" if percent > 0 else "nothing of"
         found.append(

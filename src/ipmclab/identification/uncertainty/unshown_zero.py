@@ -112,8 +112,7 @@ def _of_a_zero(problem: Problem, key: tuple[int, str], size: float, where: Float
 
 def _finding(record: PreparedRun, zero: float, away: Mapping[str, float]) -> Finding:
     """``zero-not-shown`` of a run that begins with the voltage on, else ``zero-hardly-shown``."""
-    channel, one = CHANNELS["current"], len(away) == 1
-    size = f"{channel.to_display(zero):.2g} {channel.display_unit}"
+    size, one = CHANNELS["current"].text(zero), len(away) == 1
     moves = [f"{name} by {100.0 * math.expm1(min(away[name], 10.0)):.2g} %" for name in names_by_size(away)]
     if record.zero_is_unseen:
         code, repair = "zero-not-shown", f"record 5 s at 0 V before the first edge, or free {OFFSET}"
