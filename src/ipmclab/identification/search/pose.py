@@ -14,7 +14,7 @@ from ipmclab.identification.problem.problem import Noise, Problem
 from ipmclab.identification.problem.record import PreparedRun
 from ipmclab.identification.problem.response import ActuatorResponder, CircuitResponder
 from ipmclab.identification.problem.unknowns import SITES, unknowns_of
-from ipmclab.identification.search.starts.start import StartingPoint
+from ipmclab.identification.search.starts.start import StartingPoint, allowed
 from ipmclab.model import Actuator
 from ipmclab.model.kinds import kind_of
 from ipmclab.model.structure import Structure
@@ -25,19 +25,17 @@ def problem_at(
     actuator: Actuator, names: FreeParameters, records: Sequence[PreparedRun], point: StartingPoint, noise: Noise
 ) -> Problem:
     """The least-squares problem of a fit, with what a starting point knows of its delays."""
-    parameters = actuator.parameters()
     responder: CircuitResponder | ActuatorResponder
     if actuator.structure.is_lumped and all(set(record.readings) == {"current"} for record in records):
         responder = CircuitResponder(actuator.circuit.branches)
     else:
         responder = ActuatorResponder(actuator)
-        inside = {n: min(max(one, parameters[n].lower), parameters[n].upper) for n, one in point.values.items()}
-        near = {**actuator.parameter_values, **inside}
+        near = {**actuator.parameter_values, **allowed(actuator, point.values)}
         for record in records:
             if record.start == "free":
                 responder.prepare(record, near)
     states = {record.place: responder.amplitudes(record) for record in records if record.start == "free"}
-    unknowns = unknowns_of(names, parameters, records, states=states, delays=point.delays)
+    unknowns = unknowns_of(names, actuator.parameters(), records, states=states, delays=point.delays)
     need_as_many_readings(len(unknowns), records)
     return Problem(actuator.parameter_values, records, unknowns, responder, noise)
 

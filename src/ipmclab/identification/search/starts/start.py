@@ -82,9 +82,9 @@ def starting_points(
     shifts = {**known, **starts_of(delays)}
     only_electrical = exact and _only_electrical(actuator, free, records)
     for base in bases:
-        strip = actuator.replace(**_allowed(actuator, {**base, **without_further(actuator, free)}))
+        strip = actuator.replace(**allowed(actuator, {**base, **without_further(actuator, free)}))
         for motion in _motion_starts(strip, free, records, shifts):
-            moving = strip.replace(**_allowed(strip, motion))
+            moving = strip.replace(**allowed(strip, motion))
             for further in further_starts(moving, free, records, shifts):
                 yield StartingPoint({**base, **motion, **further}, delays, only_electrical)
 
@@ -98,7 +98,7 @@ def known_first(
         return points
     known = {name: prior.value for name, prior in names.priors.items()}
     rest = names.of(set(names.actuator) - known.keys())
-    about = starting_points(actuator.replace(**_allowed(actuator, known)), rest, records, circuit)
+    about = starting_points(actuator.replace(**allowed(actuator, known)), rest, records, circuit)
     return [*(replace(point, values={**point.values, **known}) for point in about), *points]
 
 
@@ -115,7 +115,7 @@ def _with_leak(
     base: Mapping[str, float],
 ) -> list[dict[str, float]]:
     """Starting points of a circuit that leaks: a few for each series resistance that is tried."""
-    strip = actuator.replace(**_allowed(actuator, base))
+    strip = actuator.replace(**allowed(actuator, base))
     most = _LEAK_STARTS + free.isdisjoint(SERIES)
     starts = leak_starts(strip, free, [in_means(record) or record for record in records], starts_of(delays), most)
     return [{**base, **_freed(start, free)} for start in starts]
@@ -144,7 +144,8 @@ def _only_electrical(actuator: Actuator, free: set[str], records: Sequence[Prepa
     return free == electrical and len({record.series_resistance for record in records}) == 1
 
 
-def _allowed(actuator: Actuator, values: Mapping[str, float]) -> dict[str, float]:
+def allowed(actuator: Actuator, values: Mapping[str, float]) -> dict[str, float]:
+    """Values of parameters, each no farther than it may be."""
     parameters = actuator.parameters()
     return {
         name: min(max(float(value), parameters[name].lower), parameters[name].upper) for name, value in values.items()
