@@ -158,7 +158,7 @@ def fitted(runs: Sequence[Run]) -> tuple[Fit, bool]:
     records = with_states(actuator, runs, records, names.age)
     noise = {(record.place, output): one.noise for record in records for output, one in record.readings.items()}
     start = StartingPoint({name: actuator[name] for name in names.shared}, {})
-    problem = problem_at(actuator, actuator.parameters(), names, records, start, noise)
+    problem = problem_at(actuator, names, records, start, noise)
     solution = minimum_near(problem, entries_at(problem, start))
     problem = problem.with_noise(found_noise(problem, solution.evaluation))
     solution = minimum_near(problem, solution.theta)

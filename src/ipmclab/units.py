@@ -94,6 +94,16 @@ class Quantity:
         """An SI value, or an array of them, in the display unit."""
         return value / self.units[self.display_unit] if self.unit else value
 
+    def text(self, value: float, digits: int = 2) -> str:
+        """An SI value in the display unit, with the unit behind it.
+
+        Examples
+        --------
+        >>> CURRENT.text(0.0123), NUMBER.text(3.0)
+        ('12 mA', '3')
+        """
+        return f"{self.to_display(value):.{digits}g} {self.display_unit}".rstrip()
+
 
 NUMBER = Quantity("number", "", "")
 LENGTH = Quantity("length", "m", "mm", "L")

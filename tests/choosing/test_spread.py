@@ -11,10 +11,10 @@ import pytest
 from ipmclab import Actuator, InputError, Run, RunMetadata, identify, load_actuator
 from ipmclab.choosing import spread
 from ipmclab.choosing.spread import slopes
-from ipmclab.identification.problem.in_state import strip_in_state
 from ipmclab.identification.problem.record import prepare
 from ipmclab.model.environment import Environment
 from ipmclab.model.outputs import simulate_outputs
+from ipmclab.strip_state.in_state import strip_in_state
 from ipmclab.strip_state.run_state import RunState
 
 STRIP = load_actuator("friend-2+branches=1")

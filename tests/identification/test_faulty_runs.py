@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from ipmclab import InputError, Run, RunMetadata, check, identify, import_run, load_actuator, simulate, validate
-from ipmclab.identification.problem.excitation import excitation
 from ipmclab.identification.problem.record import ASSUMED_REST, as_read, prepare
+from ipmclab.model.excitation import excitation
 from ipmclab.prediction.fitted import fitted_outputs
 from tests.identification.brief import brief
 

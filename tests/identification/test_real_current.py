@@ -158,7 +158,7 @@ def test_a_leak_that_grows_explains_a_current_that_rises(real_runs: Path) -> Non
     growing = with_stages(strip(56.9), "leak.cubic", "leak.slow")
     names = parse_free(growing.parameter_values, "electrical,leak")
     ready = prepare(run, 0, ["current"], ipmclab.check(run))
-    problem, solution, minima = find_minima(growing, growing.parameters(), names, [ready])
+    problem, solution, minima = find_minima(growing, names, [ready])
     assert len({tuple(end.entries.values()) for end in minima.ends}) == len(minima.ends), "each is asked again"
     assert problem.values(solution.theta, 0)["leak.slow.growth"] > 0.1
     found = problem.noise[0, "current"] * np.sqrt(solution.evaluation.cost / len(run))

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from ipmclab import InputError, load_actuator, simulate
-from ipmclab.identification.problem.order import Order
 from ipmclab.model import actuator_from_text, actuator_to_text
 from ipmclab.model.environment import Environment, EnvironmentLaw, WaterState, in_state, reference, values_in
 from ipmclab.model.environment.laws import KINDS
+from ipmclab.model.order import Order
 
 ROOM = Environment(temperature=25.0, relative_humidity=50.0)
 

@@ -54,7 +54,7 @@ def posed(
     names = replace(parse_free(strip.parameter_values, free, per_run), priors=priors)
     point = StartingPoint({}, {record.place: record.at_its_rows for record in records})
     noise = {(record.place, output): NOISE[output] for record in records for output in outputs}
-    return problem_at(strip, strip.parameters(), names, records, point, noise)
+    return problem_at(strip, names, records, point, noise)
 
 
 def clipped(record: PreparedRun) -> PreparedRun:

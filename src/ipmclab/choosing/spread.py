@@ -19,10 +19,10 @@ from ipmclab.choosing.noise import FadingNoise, ResidualSeries
 from ipmclab.errors import InputError
 from ipmclab.fit.fit import Fit
 from ipmclab.identification.problem.free_run import seen_from_sensor
-from ipmclab.identification.problem.in_state import strip_in_state
 from ipmclab.identification.problem.record import PreparedRun, model_hold
 from ipmclab.model.outputs import simulate_outputs
 from ipmclab.prediction.in_state import state_in
+from ipmclab.strip_state.in_state import strip_in_state
 
 FloatArray = npt.NDArray[np.float64]
 

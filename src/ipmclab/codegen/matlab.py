@@ -18,6 +18,7 @@ from ipmclab.model import Actuator, simulate
 from ipmclab.model.left_open import open_sentence
 from ipmclab.model.numerics.reduce import small_signal
 from ipmclab.model.ports import OUTPUTS
+from ipmclab.named_matrix import matrix_of
 from ipmclab.run import FloatArray
 from ipmclab.version import __version__
 
@@ -96,9 +97,7 @@ def write(actuator: Actuator, path: Path, covariance: Mapping[str, Mapping[str, 
     content |= {"A": a, "B": b, "C": c, "D": d, "outputs": np.array(OUTPUTS, dtype=object)}
     content |= {
         "names": np.array(names, dtype=object),
-        "covariance": np.array([[covariance[one][other] for other in names] for one in names]).reshape(
-            len(names), len(names)
-        ),
+        "covariance": matrix_of(covariance, names),
     }
     with replacing(mat_file, overwrite=True) as target:
         scipy.io.savemat(target, content, appendmat=False, oned_as="column")

@@ -12,6 +12,7 @@ import numpy as np
 from ipmclab.errors import InputError
 from ipmclab.fit.fit import Fit
 from ipmclab.model import Actuator, simulate
+from ipmclab.named_matrix import matrix_of
 from ipmclab.quality.kept import kept
 from ipmclab.quality.noise import noise_of_readings
 from ipmclab.quality.record import GUARD_ROWS, Record
@@ -67,8 +68,7 @@ def noisy_voltage(fit: Fit, runs: Sequence[Run]) -> list[Finding]:
     slope = np.zeros(len(names))
     for kind, weight in kinds.items():
         slope += weight * _half_gradient(fit.actuator, names, kind)
-    covariance = np.array([[fit.covariance[one][other] for other in names] for one in names])
-    moved = dict(zip(names, (-covariance @ slope).tolist(), strict=True))
+    moved = dict(zip(names, (-matrix_of(fit.covariance, names) @ slope).tolist(), strict=True))
     return _reported_of(fit, moved, max(scatters))
 
 

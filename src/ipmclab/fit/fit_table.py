@@ -8,6 +8,7 @@ from functools import cached_property
 from typing import Any
 
 from ipmclab.fit.fit import Fit
+from ipmclab.named_matrix import matrix_of
 from ipmclab.run import Finding
 from ipmclab.tabled import in_toml
 
@@ -25,11 +26,11 @@ def fit_to_table(fit: Fit) -> dict[str, Any]:
         # Who edits them afterwards has another actuator than the one whose errors these are.
         "values": dict(fit.actuator.parameter_values),
         "parameters": in_toml(list(fit.parameters.values())),
-        "correlations": [[fit.correlations[a][b] for b in names] for a in names],
+        "correlations": matrix_of(fit.correlations, names).tolist(),
         "undetermined": in_toml(fit.undetermined),
         "covariance": {
             "names": list(fit.covariance),
-            "rows": [[row[other] for other in fit.covariance] for row in fit.covariance.values()],
+            "rows": matrix_of(fit.covariance, fit.covariance).tolist(),
         },
         **({"mountings": in_toml(fit.mountings)} if fit.mountings else {}),
         **{name: in_toml(getattr(fit, name)) for name in ("left_out", "known", "diagnoses")},

@@ -10,6 +10,7 @@ import numpy as np
 from ipmclab.confidence import NORMAL_95
 from ipmclab.fit.fit import Fit
 from ipmclab.model.set_point import DRIVES, Drive, ratio_names, set_point
+from ipmclab.named_matrix import matrix_of
 from ipmclab.run import Finding
 
 
@@ -64,7 +65,6 @@ def _interval(fit: Fit, names: Sequence[str], ratio: float) -> tuple[float, floa
         low, high = fit.parameters[free[0]].interval
         return low + fixed, high + fixed
     errors = np.array([fit.parameters[name].standard_error for name in free])
-    correlation = np.array([[fit.correlations[one][other] for other in free] for one in free])
-    variance = float(errors @ correlation @ errors) if np.all(np.isfinite(errors)) else math.inf
+    variance = float(errors @ matrix_of(fit.correlations, free) @ errors) if np.all(np.isfinite(errors)) else math.inf
     reach = NORMAL_95 * math.sqrt(max(variance, 0.0)) if math.isfinite(variance) else math.inf
     return ratio - reach, ratio + reach

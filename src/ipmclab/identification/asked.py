@@ -86,17 +86,19 @@ def outputs_of_fit(names: FreeParameters) -> tuple[str, ...]:
     while the coupling is fixed, perhaps at values of another strip, they would spoil what the current knows
     better. They are asked where current alone is known not to be enough.
     """
-    chosen = {name.split(".")[2] for name in names.observation}
-    for name in names.moved.values():
-        chosen |= set(READ_OUTPUTS if name in SERIES else stage_outputs(name))
-    return tuple(output for output in READ_OUTPUTS if output in chosen)
+    asked, all_of_them = _beside_series(names), bool(set(SERIES) & set(names.moved.values()))
+    return tuple(output for output in READ_OUTPUTS if all_of_them or output in asked)
 
 
 def for_series_alone(names: FreeParameters) -> set[str]:
     """Channels of motion that are read only because a series resistance is free."""
+    return {"displacement", "force"} - _beside_series(names)
+
+
+def _beside_series(names: FreeParameters) -> set[str]:
+    """Channels that are needed whether a series resistance is free or not."""
     others = [stage_outputs(name) for name in names.moved.values() if name not in SERIES]
-    asked = {output for outputs in others for output in outputs} | {name.split(".")[2] for name in names.observation}
-    return {"displacement", "force"} - asked
+    return {output for outputs in others for output in outputs} | {name.split(".")[2] for name in names.observation}
 
 
 def need_readings(

@@ -15,16 +15,14 @@ from ipmclab.fit.fit_table import changed
 from ipmclab.fit.output_diagnosis import OutputDiagnosis
 from ipmclab.fit.set_point import set_point_findings
 from ipmclab.identification.observed import observation, residuals
-from ipmclab.identification.problem.order import Order
 from ipmclab.identification.problem.problem import Problem
-from ipmclab.identification.problem.response import CircuitResponder
 from ipmclab.identification.problem.stated import stated_covariance
 from ipmclab.identification.problem.unknowns import Unknown
 from ipmclab.identification.search.doubts import message, unexplained
 from ipmclab.identification.search.solve import Solution
 from ipmclab.identification.search.valleys import Rival
 from ipmclab.identification.solved import Estimate
-from ipmclab.identification.uncertainty.covariance import MOVED, Uncertainty, uncertainty
+from ipmclab.identification.uncertainty.covariance import MOVED, Uncertainty, covariance_table, uncertainty
 from ipmclab.identification.uncertainty.interval import (
     as_determined,
     edges_are_open,
@@ -37,7 +35,6 @@ from ipmclab.identification.uncertainty.interval import (
     values_within_bounds,
     with_rivals,
 )
-from ipmclab.identification.uncertainty.known_covariance import Table, covariance_table
 from ipmclab.identification.uncertainty.noise_found import drift_findings, noise_findings
 from ipmclab.identification.undetermined.cures import fast_modes
 from ipmclab.identification.undetermined.diagnosis import (
@@ -52,7 +49,9 @@ from ipmclab.identification.undetermined.leaning import leaning_findings
 from ipmclab.identification.undetermined.practical import practical
 from ipmclab.model import Actuator
 from ipmclab.model.environment.age import AGE, Age
+from ipmclab.model.order import Order
 from ipmclab.model.parameters import Parameter
+from ipmclab.named_matrix import Table, table_of
 from ipmclab.run import Finding, FloatArray, Run
 from ipmclab.units import CHANNELS
 from ipmclab.version import __version__
@@ -68,7 +67,7 @@ def build_fit(
     followed: bool = True,
 ) -> Fit:
     """Errors, intervals (bent ones ``followed`` along profiles), correlations, diagnosis and the fitted actuator."""
-    problem, solution, parameters = result.problem, result.solution, result.parameters
+    problem, solution, parameters = result.problem, result.solution, actuator.parameters()
     free = {unknown.base for unknown in problem.unknowns}
     stated = stated_covariance(
         actuator, [n for n, p in parameters.items() if n not in free and p.standard_uncertainty > 0.0]
@@ -88,7 +87,15 @@ def build_fit(
         for number, error in enumerate(relative.tolist())
     ]
     points = _points(result, found, rivals, stated, exact, [end for one in alone for end in one.ends])
-    while_kept = _while_unseen_are_kept(points)
+    # That a stage does not show is no proof that it is not there: what trades against it is known no better than with
+    # it. So each unknown has another entry and another standard error while the unseen stages may still be there.
+    while_kept = {
+        unknown.name: (float(point.theta[place]), math.sqrt(max(variance, 0.0)))
+        for point in points[1:]
+        for (place, unknown), variance in zip(
+            point.problem.asked, point.found.covariance.diagonal().tolist(), strict=True
+        )
+    }
     elsewhere = {
         unknown.name: [rival for rival in rivals if one.is_left_by(unknown, rival)]
         for unknown, one in zip(asked, alone, strict=True)
@@ -184,7 +191,7 @@ def build_fit(
         evaluations=solution.evaluations,
         residuals=residuals(result.correlated),
         software_version=__version__,
-        practical=practical(problem, solution, order),
+        practical=practical(problem, values, solution.evaluation, order),
         covariance=_covariance(asked, values, found, stated, order),
         diagnoses=diagnoses,
         known=known_quantities(actuator, points),
@@ -214,20 +221,6 @@ def _points(
     return points
 
 
-def _while_unseen_are_kept(points: Sequence[Point]) -> dict[str, tuple[float, float]]:
-    """Entry and standard error that each unknown has while the unseen stages may still be there.
-
-    That a stage does not show is no proof that it is not there: what trades against it is known no better than with
-    it.
-    """
-    while_kept: dict[str, tuple[float, float]] = {}
-    for point in points[1:]:
-        deviation = np.sqrt(np.maximum(point.found.covariance.diagonal(), 0.0))
-        for number, (place, unknown) in enumerate(point.problem.asked):
-            while_kept[unknown.name] = float(point.theta[place]), float(deviation[number])
-    return while_kept
-
-
 def _unseen_parameter(
     unknown: Unknown, order: Order, value: float, parameters: Mapping[str, Parameter]
 ) -> FittedParameter:
@@ -247,7 +240,7 @@ def _unseen_parameter(
 def _exact_names(actuator: Actuator, problem: Problem, taken: set[str]) -> list[str]:
     """Fixed parameters without a stated uncertainty on which the answer leans."""
     candidates = ["circuit.sheet_resistance"]
-    if not isinstance(problem.responder, CircuitResponder):
+    if not problem.is_circuit:
         candidates += ["geometry.thickness", "beam.modulus"]
     if any(record.readings.keys() & {"displacement", "force"} for record in problem.records):
         candidates += [name for name in actuator.parameter_values if name.startswith("coupling.")]
@@ -287,7 +280,7 @@ def _correlations(
     places = [names.index(name) for name, is_known in zip(asked, known, strict=True) if is_known]
     matrix[np.ix_(places, places)] = (found.covariance.clip(-most, most) / most)[np.ix_(known, known)]
     np.fill_diagonal(matrix, 1.0)
-    return {name: dict(zip(names, row, strict=True)) for name, row in zip(names, matrix.tolist(), strict=True)}
+    return table_of(names, matrix)
 
 
 def _covariance(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence, Set
+from collections.abc import Sequence, Set
 from dataclasses import replace
 from functools import partial
 
@@ -15,13 +15,14 @@ from ipmclab.identification.noise.weighting import weighted
 from ipmclab.identification.problem.free import FreeParameters
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.problem.record import PreparedRun
-from ipmclab.identification.problem.response import CircuitResponder
 from ipmclab.identification.problem.unknowns import unknowns_of
 from ipmclab.identification.search.along import along_valleys, nearest_zero
 from ipmclab.identification.search.as_good import allowed_places, still_rivals
 from ipmclab.identification.search.assumed import (
     assumed_zeros,
+    could_be_zero,
     is_assumed_zero,
+    not_at_rest,
     start_not_at_rest,
     with_less,
     without_idle,
@@ -33,7 +34,6 @@ from ipmclab.identification.search.doubts import contradicted_currents
 from ipmclab.identification.search.everywhere import Everywhere
 from ipmclab.identification.search.lowest import find_minima
 from ipmclab.identification.search.pose import need_as_many_readings, solved_for, without_leak
-from ipmclab.identification.search.rest import could_be_zero, not_at_rest
 from ipmclab.identification.search.settled import settled_with_unfelt_held
 from ipmclab.identification.search.solve import Solution
 from ipmclab.identification.search.tangent import entry_errors, null_directions
@@ -42,7 +42,6 @@ from ipmclab.identification.solved import Estimate
 from ipmclab.identification.uncertainty.may_be_there import with_usual_stages
 from ipmclab.identification.uncertainty.unshown_zero import unshown_zeros
 from ipmclab.model import Actuator
-from ipmclab.model.parameters import Parameter
 from ipmclab.progress import stage
 from ipmclab.run import FloatArray
 
@@ -54,9 +53,8 @@ def estimate(actuator: Actuator, names: FreeParameters, records: Sequence[Prepar
     the readings contradict it.
     """
     # Before any numerics; starting states are counted when their number is known.
-    parameters = actuator.parameters()
-    need_as_many_readings(len(unknowns_of(names, parameters, records)), records)
-    problem, solution, minima, given_up = _least_squares(actuator, parameters, names, records)
+    need_as_many_readings(len(unknowns_of(names, actuator.parameters(), records)), records)
+    problem, solution, minima, given_up = _least_squares(actuator, names, records)
     rivals = (*minima.rivals, *minima.along)
     stage("finding the noise in what the fit leaves", 0.5, 0.7, 1000)
     everywhere = Everywhere(minima.ends)
@@ -72,7 +70,7 @@ def estimate(actuator: Actuator, names: FreeParameters, records: Sequence[Prepar
     unseen, smaller, there = without_unseen(under)
     with_unseen = under if unseen else None
     if unseen:
-        problem, solution = _without_stages(actuator, problem, solution, unseen, smaller, there)
+        problem, solution = _without_stages(problem, solution, unseen, smaller, there)
         under, other = noisy(problem, solution)
     at = settled_with_unfelt_held(under.problem, under.solution)
     if problem.unknowns and len(null_directions(at.evaluation)):
@@ -90,15 +88,15 @@ def estimate(actuator: Actuator, names: FreeParameters, records: Sequence[Prepar
             findings += contradicted_currents(problem, solution, record, under.of_sensor((record.place, "current")))
     findings += unshown_zeros(problem, solution)
     if under.shapes:
-        rivals = _under_noise(actuator, names, (under, with_unseen), other, minima, rivals, everywhere)
+        rivals = _under_noise((under, with_unseen), other, minima, rivals, everywhere)
     if with_unseen is not None:
         rivals += tuple(with_usual_stages(with_unseen, unseen, Rival.of(problem, solution.theta)))
-    return Estimate(parameters, problem, solution, rivals, tuple(findings), under, unseen, with_unseen, white)
+    return Estimate(
+        actuator.parameters(), problem, solution, rivals, tuple(findings), under, unseen, with_unseen, white
+    )
 
 
 def _under_noise(
-    actuator: Actuator,
-    names: FreeParameters,
     fits: tuple[Correlated, Correlated | None],
     other: Correlated | None,
     minima: Minima,
@@ -129,20 +127,20 @@ def _under_noise(
         reach = NORMAL_95 * entry_errors(other.solution.evaluation)
         found += (Rival.of(problem, other.solution.theta, reach),)
     # The ends of a coupling's valley would reach too far where noise inflates what it may cost.
-    if under.is_weighted or isinstance(problem.responder, CircuitResponder):
+    if under.is_weighted or problem.is_circuit:
         walked = minima.valley.under(problem, solution)
-        valley = along_valleys(actuator, names, problem, solution) if walked is None else walked
+        valley = along_valleys(problem, solution) if walked is None else walked
         found += allowed_places(problem, solution, valley, under.inflation)
     return found
 
 
 def _least_squares(
-    actuator: Actuator, parameters: Mapping[str, Parameter], names: FreeParameters, records: Sequence[PreparedRun]
+    actuator: Actuator, names: FreeParameters, records: Sequence[PreparedRun]
 ) -> tuple[Problem, Solution, Minima, set[int]]:
     """The lowest minimum, the others, and the runs whose readings contradict a start from rest: theirs is free."""
     given_up: set[int] = set()
     while True:
-        searched, near, minima = find_minima(actuator, parameters, names, records)
+        searched, near, minima = find_minima(actuator, names, records)
         problem, solution = without_idle(searched, near, names)
         moving = not_at_rest(problem, solution) - given_up
         if not moving:
@@ -153,7 +151,7 @@ def _least_squares(
         # With fewer unknowns all is known better, at the other minima and along the valleys too.
         rivals, along = still_rivals(problem, solution, minima.rivals), minima.along
         if along:
-            along = allowed_places(problem, solution, along_valleys(actuator, names, problem, solution))
+            along = allowed_places(problem, solution, along_valleys(problem, solution))
         minima = replace(minima, rivals=rivals, along=along)
     return problem, solution, minima, given_up
 
@@ -164,12 +162,9 @@ def _at_rest_after_all(under: Correlated, places: Set[int]) -> set[int]:
     White noise is what the first fit assumes. Under autocorrelated noise it contradicts rest far more often
     than its tests say.
     """
-    found = set()
-    for place in places if under.shapes else ():
-        there = under.problem.places[place].starts
-        if there and could_be_zero(under.solution, there, under.covariance_of_all):
-            found.add(place)
-    return found
+    starts = {place: under.problem.places[place].starts for place in places if under.shapes}
+    noise = under.covariance_of_all
+    return {place for place, there in starts.items() if there and could_be_zero(under.solution, there, noise)}
 
 
 def _noisy(
@@ -181,18 +176,13 @@ def _noisy(
 
 
 def _without_stages(
-    actuator: Actuator,
-    problem: Problem,
-    solution: Solution,
-    unseen: Sequence[Unseen],
-    smaller: Problem,
-    there: Solution,
+    problem: Problem, solution: Solution, unseen: Sequence[Unseen], smaller: Problem, there: Solution
 ) -> tuple[Problem, Solution]:
     """Least squares without some stages: from where it was with them, and from where they were found not to show."""
     gone = {unknown.name for one in unseen for unknown in one.unknowns}
     off = {name: value for one in unseen for name, value in one.off.items()}
     columns = [column for column, unknown in enumerate(problem.unknowns) if unknown.name in gone]
-    fewer = without_leak(actuator, problem.without(columns, off))
+    fewer = without_leak(problem.without(columns, off))
     starts = [start_with_fewer(problem, fewer, solution, columns), _in_full(fewer, smaller, there)]
     if not fewer.unknowns:
         return fewer, starts[0]

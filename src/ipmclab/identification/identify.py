@@ -32,7 +32,6 @@ from ipmclab.identification.mountings.mountings import differ, each_mounting, wi
 from ipmclab.identification.of_records import NOISE, GrowingLeak, findings_of_records, left_out_of
 from ipmclab.identification.problem.earlier_fit import as_read_before, fitted_runs
 from ipmclab.identification.problem.free import FreeParameters, Prior, parse_free
-from ipmclab.identification.problem.order import Order
 from ipmclab.identification.problem.priors import prior_findings, with_priors
 from ipmclab.identification.problem.record import disambiguated, places_of_mountings, prepare
 from ipmclab.identification.search.another_coupling import motion_of_another_coupling
@@ -40,6 +39,7 @@ from ipmclab.identification.solved import Estimate
 from ipmclab.model import Actuator
 from ipmclab.model.declared import electrical
 from ipmclab.model.given import need_actuator, need_each_once
+from ipmclab.model.order import Order
 from ipmclab.model.stages.leak import SLOW_TIME
 from ipmclab.one_thread import on_one_thread
 from ipmclab.progress import OnProgress, first_answer, part, reporting_to, stage, unreported

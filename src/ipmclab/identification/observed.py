@@ -10,8 +10,8 @@ import numpy as np
 from ipmclab.fit.observation import Observation
 from ipmclab.fit.row_marks import RowMarks
 from ipmclab.identification.noise.correlate import Correlated
-from ipmclab.identification.problem.order import Order
 from ipmclab.identification.problem.record import PreparedRun
+from ipmclab.model.order import Order
 from ipmclab.run import FloatArray, Run
 
 
@@ -63,14 +63,10 @@ def _sum(one: Mapping[str, float], other: Mapping[str, float]) -> dict[str, floa
 
 def residuals(correlated: Correlated) -> tuple[dict[str, FloatArray], ...]:
     """Readings less the free-running model of each run and output [SI], NaN where a row is not used."""
-    problem, pieces = correlated.problem, correlated.problem.pieces
-    found: list[dict[str, FloatArray]] = []
-    for record in problem.records:
-        of_run: dict[str, FloatArray] = {}
-        for output, reading in record.readings.items():
-            key = record.place, output
-            column = np.full(len(reading.values), np.nan)
-            column[reading.used] = -correlated.plain.residual[pieces[key]] * problem.noise[key]
-            of_run[output] = column - correlated.beside(key)
-        found.append(of_run)
-    return tuple(found)
+    problem = correlated.problem
+    found: dict[int, dict[str, FloatArray]] = {record.place: {} for record in problem.records}
+    for key, reading in problem.readings.items():
+        column = np.full(len(reading.values), np.nan)
+        column[reading.used] = -correlated.plain.residual[problem.pieces[key]] * problem.noise[key]
+        found[key[0]][key[1]] = column - correlated.beside(key)
+    return tuple(found.values())

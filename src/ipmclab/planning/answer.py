@@ -12,8 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.errors import InputError
+from ipmclab.fit.ages import rates_of
 from ipmclab.fit.fit import Fit
-from ipmclab.identification.problem.in_state import in_state, rates_of, strip_in_state
 from ipmclab.identification.problem.record import ending_of
 from ipmclab.identification.problem.unknowns import Unknown, actuator_unknown
 from ipmclab.model import Actuator
@@ -24,6 +24,7 @@ from ipmclab.model.sensitivity import Kept, sensitivities
 from ipmclab.planning.candidates import REST_BEFORE, Candidate
 from ipmclab.prediction.own_of_mounting import own_of_mounting
 from ipmclab.strip_state.dose import dose_now
+from ipmclab.strip_state.in_state import in_state, strip_in_state
 from ipmclab.strip_state.run_state import RunState
 from ipmclab.strip_state.state_of_run import HUMIDITY_ERROR
 

@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from ipmclab.errors import InputError
 from ipmclab.fit.fit import Fit
+from ipmclab.named_matrix import matrix_of
 from ipmclab.planning.answer import FittedStrip
 from ipmclab.store.heap import refuse_endless_heap
 
@@ -124,8 +125,7 @@ def drawn_strips(strip: FittedStrip, draws: int | Samples, *, seed: int = SEED) 
     generator = np.random.default_rng(seed)
     names = (*strip.names, *strip.held)
     scale = np.append(strip.chains, np.ones(len(strip.held)))
-    table = strip.fit.covariance
-    covariance = np.array([[table[one][other] for other in names] for one in names]) / np.outer(scale, scale)
+    covariance = matrix_of(strip.fit.covariance, names) / np.outer(scale, scale)
     values, vectors = np.linalg.eigh(covariance)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
     half = generator.standard_normal(((draws + 1) // 2, len(names)))

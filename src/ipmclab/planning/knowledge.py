@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.identification.problem.unknowns import Unknown
+from ipmclab.named_matrix import matrix_of
 from ipmclab.normal_equations import lengths, pseudo_inverse
 from ipmclab.planning.answer import FittedStrip
 from ipmclab.planning.information import RunInformation
@@ -54,9 +55,8 @@ class Knowledge:
     @classmethod
     def of(cls, strip: FittedStrip) -> Knowledge:
         """What a fit knows."""
-        table, names, held = strip.fit.covariance, strip.names, strip.held
-        every = (*names, *held)
-        covariance = np.array([[table[one][other] for other in every] for one in every])
+        names, held = strip.names, strip.held
+        covariance = matrix_of(strip.fit.covariance, (*names, *held))
         scale = np.append(strip.chains, np.ones(len(held)))
         covariance = covariance / np.outer(scale, scale)
         count = len(names)

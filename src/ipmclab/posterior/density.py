@@ -12,10 +12,10 @@ import numpy.typing as npt
 
 from ipmclab.identification.noise.pieces import Key
 from ipmclab.identification.noise.whitening import CorrelatedProblem
-from ipmclab.identification.problem.order import Order
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.problem.unknowns import Unknown, actuator_unknown, known_together
 from ipmclab.identification.solved import Estimate
+from ipmclab.model.order import Order
 from ipmclab.model.parameters import Parameter
 from ipmclab.posterior.coordinates import WIDEST, Straight, coordinates
 from ipmclab.posterior.many import in_reference, residuals
@@ -131,7 +131,7 @@ class Density:
                 self._noise[key] = _Noise(
                     terms,
                     slice(len(limits), len(limits) + terms.shapes),
-                    held_constants(time, terms)[0],
+                    held_constants(time, terms),
                     steps_between(time, record.step),
                     record.readings[output].exact_of_used,
                     solved.noise[key] <= AT_FLOOR * solved.floors[key],

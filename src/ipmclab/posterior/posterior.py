@@ -16,11 +16,11 @@ from ipmclab.engine import Engine
 from ipmclab.errors import InputError, IpmclabError
 from ipmclab.fit.fit import Fit
 from ipmclab.identification.mountings.mountings import why_unknown
-from ipmclab.identification.problem.order import Order
 from ipmclab.identification.problem.stated import stated_covariance
 from ipmclab.identification.problem.unknowns import Unknown
 from ipmclab.identification.search.valleys import Rival
 from ipmclab.identification.solved import Estimate, solved
+from ipmclab.model.order import Order
 from ipmclab.model.parameters import Parameter
 from ipmclab.posterior.convergence import Convergence, Judgement
 from ipmclab.posterior.coordinates import Straight

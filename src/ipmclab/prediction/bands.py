@@ -11,13 +11,12 @@ import numpy.typing as npt
 
 from ipmclab.confidence import NORMAL_95, wider_for_few
 from ipmclab.errors import InputError
+from ipmclab.fit.ages import rates_of
 from ipmclab.fit.as_fitted import need_as_fitted, need_fit
 from ipmclab.fit.fit import Fit
 from ipmclab.fit.observation import Observation
 from ipmclab.identification.mountings.common_error import common_covariance
-from ipmclab.identification.problem.in_state import rates_of, strip_in_state
 from ipmclab.identification.problem.record import ending_of, own_endings, own_values
-from ipmclab.identification.uncertainty.known_covariance import KnownCovariance, known_of
 from ipmclab.measurement.random_effect import FEWEST
 from ipmclab.model import Actuator
 from ipmclab.model.given import need_run
@@ -25,8 +24,10 @@ from ipmclab.model.outputs import simulate_outputs
 from ipmclab.model.sensitivity import sensitivities
 from ipmclab.model.simulate import with_shunt
 from ipmclab.prediction.in_state import known_in_state, state_in
+from ipmclab.prediction.known_covariance import KnownCovariance, known_of
 from ipmclab.prediction.own_of_mounting import own_of_mounting, strip_of_each_mounting
 from ipmclab.run import Hold, Run
+from ipmclab.strip_state.in_state import strip_in_state
 from ipmclab.strip_state.run_state import RunState
 
 FloatArray = npt.NDArray[np.float64]

@@ -12,16 +12,17 @@ import numpy.typing as npt
 from ipmclab.confidence import NORMAL_95
 from ipmclab.fit.fit import Fit
 from ipmclab.identification.problem.evaluation import Evaluation
-from ipmclab.identification.problem.order import Order
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.problem.record import PreparedRun, model_hold, own_endings
 from ipmclab.identification.problem.unknowns import Unknown
 from ipmclab.identification.search.solve import descend
 from ipmclab.identification.search.tangent import STRUCTURAL
-from ipmclab.identification.uncertainty.known_covariance import covariance_table, known_of
+from ipmclab.identification.uncertainty.covariance import covariance_table
 from ipmclab.model import Actuator
 from ipmclab.model.environment.age import AGE, grown
+from ipmclab.model.order import Order
 from ipmclab.prediction.bands import Drive, noise_of, standard_error_of
+from ipmclab.prediction.known_covariance import known_of
 from ipmclab.prediction.scores import Comparison, Score
 from ipmclab.prediction.validate import validate
 from ipmclab.strip_state.run_state import RunState

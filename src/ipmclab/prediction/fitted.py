@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from ipmclab.fit.ages import rates_of
 from ipmclab.fit.fit import Fit
 from ipmclab.identification.problem.free_run import seen_from_sensor
-from ipmclab.identification.problem.in_state import rates_of, strip_in_state
 from ipmclab.identification.problem.record import READ_OUTPUTS, model_hold, own_endings, own_values, prepare
 from ipmclab.model.outputs import simulate_outputs
 from ipmclab.model.stages.laser import blank_lost
@@ -14,6 +14,7 @@ from ipmclab.prediction.bands_of_run import band_of_run
 from ipmclab.prediction.scores import Comparison
 from ipmclab.quality import check
 from ipmclab.run import Run
+from ipmclab.strip_state.in_state import strip_in_state
 
 
 def fitted_outputs(fit: Fit, run: Run, place: int) -> dict[str, Comparison]:

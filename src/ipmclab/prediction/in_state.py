@@ -10,15 +10,16 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.errors import InputError
+from ipmclab.fit.ages import rates_of
 from ipmclab.fit.fit import Fit
 from ipmclab.fit.fit_file import fit_of
-from ipmclab.identification.problem.in_state import in_state, rates_of
-from ipmclab.identification.uncertainty.known_covariance import KnownCovariance
 from ipmclab.model import Actuator
 from ipmclab.model.environment.age import AGE, SCALES, Age, grown
+from ipmclab.prediction.known_covariance import KnownCovariance
 from ipmclab.run import Finding, Run
 from ipmclab.strip_state.dose import dose_now
 from ipmclab.strip_state.doubtful import doubtful, extrapolated
+from ipmclab.strip_state.in_state import in_state
 from ipmclab.strip_state.run_state import RunState
 from ipmclab.strip_state.state_of_run import says_environment, state_of
 

@@ -18,13 +18,13 @@ from ipmclab.fit.left_out import LeftOut
 from ipmclab.identification.noise.correlate import Correlated
 from ipmclab.identification.noise.pieces import Key, Piece
 from ipmclab.identification.problem.evaluation import Evaluation
-from ipmclab.identification.problem.order import Order
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.problem.record import PreparedRun
 from ipmclab.identification.search.solve import descend
 from ipmclab.identification.search.tangent import STRUCTURAL, entry_errors
 from ipmclab.identification.solved import Estimate, solved
 from ipmclab.measurement.random_effect import FEWEST
+from ipmclab.model.order import Order
 from ipmclab.one_thread import on_one_thread
 from ipmclab.prediction.by_others import (
     EVALUATIONS,

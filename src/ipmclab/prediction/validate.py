@@ -11,13 +11,13 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.errors import InputError
+from ipmclab.fit.ages import rates_of
 from ipmclab.fit.as_fitted import why_changed
 from ipmclab.fit.fit import Fit
 from ipmclab.fit.fit_file import fit_of
 from ipmclab.fit.row_marks import shared_rows
 from ipmclab.identification.problem.earlier_fit import fitted_runs, zeros_of_fit
-from ipmclab.identification.problem.free_run import edge_delay, predict, seen_from_sensor, sensor_zero
-from ipmclab.identification.problem.in_state import rates_of, strip_in_state
+from ipmclab.identification.problem.free_run import predict, seen_from_sensor
 from ipmclab.identification.problem.record import (
     READ_OUTPUTS,
     PreparedRun,
@@ -32,6 +32,7 @@ from ipmclab.prediction.bands_of_run import another_mounting, band_of_run, own_m
 from ipmclab.prediction.in_state import environment_of_run, state_in
 from ipmclab.prediction.open_coupling import open_coupling
 from ipmclab.prediction.own_of_mounting import own_of_mounting
+from ipmclab.prediction.read_off import edge_delay, sensor_zero
 from ipmclab.prediction.run_validation import RunValidation
 from ipmclab.prediction.said_of_run import said_of_run
 from ipmclab.prediction.scores import Comparison, Score, score
@@ -39,6 +40,7 @@ from ipmclab.quality import check
 from ipmclab.quality.usable import noise_only
 from ipmclab.run import Finding, Run, RunMetadata
 from ipmclab.shown import Shown
+from ipmclab.strip_state.in_state import strip_in_state
 from ipmclab.units import CHANNELS
 
 FloatArray = npt.NDArray[np.float64]

@@ -11,11 +11,11 @@ import numpy.typing as npt
 
 from ipmclab.confidence import NORMAL_95
 from ipmclab.fit.fit import Fit, FittedParameter
-from ipmclab.identification.problem.order import Order
 from ipmclab.identification.solved import solved
 from ipmclab.identification.uncertainty.covariance import uncertainty
 from ipmclab.measurement.uncertain import Uncertain
 from ipmclab.model import Actuator, load_actuator
+from ipmclab.model.order import Order
 from ipmclab.normal_equations import root
 from ipmclab.sample import Sample
 

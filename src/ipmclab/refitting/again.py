@@ -14,10 +14,10 @@ import numpy.typing as npt
 from ipmclab.engine import Engine, in_order
 from ipmclab.fit.fit import Fit
 from ipmclab.identification.problem.evaluation import Evaluation
-from ipmclab.identification.problem.order import Order
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.search.solve import Shifted, Solution, descend
 from ipmclab.identification.solved import solved
+from ipmclab.model.order import Order
 from ipmclab.one_thread import on_one_thread
 from ipmclab.progress import tick
 from ipmclab.refitting.side_by_side import Polished, SideBySide

@@ -13,13 +13,13 @@ from ipmclab.errors import InputError, suggest
 from ipmclab.fit.fit import Fit, FittedParameter
 from ipmclab.fit.fit_table import changed
 from ipmclab.fit.profile import Profile
-from ipmclab.identification.problem.order import Order
 from ipmclab.identification.problem.stated import stated_covariance
 from ipmclab.identification.problem.unknowns import Unknown
 from ipmclab.identification.solved import Estimate, solved
 from ipmclab.identification.uncertainty.covariance import uncertainty
 from ipmclab.identification.uncertainty.interval import values_within_bounds
-from ipmclab.identification.uncertainty.profile import Point, held_at, one_side
+from ipmclab.identification.uncertainty.profile import Point, Walk, held_at
+from ipmclab.model.order import Order
 from ipmclab.one_thread import on_one_thread
 from ipmclab.progress import OnProgress, reporting_to, stage
 
@@ -174,7 +174,9 @@ def _profile(estimate: Estimate, unknown: Unknown, place: int, error: float, rat
     points = [best]
     ends = []
     for sign in (-1.0, 1.0):
-        crossing, found = one_side(problem, solution, place, sign * error, scaled)
+        walk = Walk(problem, solution, place, sign * error)
+        crossing = middle + sign * walk.distance(math.sqrt(scaled))
+        found = walk.points[1:]
         ends.append(crossing)
         for part in (_BETWEEN, _BEYOND) if math.isfinite(crossing) else ():
             entry = middle + part * (crossing - middle)

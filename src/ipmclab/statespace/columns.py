@@ -75,16 +75,23 @@ def constants(time: FloatArray) -> FloatArray:
     return np.column_stack([np.ones(len(time)), (time - middle) / half])
 
 
-def held_constants(time: FloatArray, terms: Terms) -> tuple[FloatArray, float]:
-    """The columns of those that a noise has, shape (n_readings, n_held), and the time at which its trend adds nothing.
+def origin(time: FloatArray, terms: Terms) -> float:
+    """The time at which the trend of a noise adds nothing [s].
 
     With an offset beside it that time is arbitrary, and the middle. A trend alone stands beside an offset that is asked
     elsewhere, or that rows at 0 V show: that is the one at the first reading, where the trend begins.
     """
+    return float(time[0]) if _begins_at_first(terms) else 0.5 * float(time[0] + time[-1])
+
+
+def held_constants(time: FloatArray, terms: Terms) -> FloatArray:
+    """The columns of those that a noise has, the trend about its ``origin``, shape (n_readings, n_held)."""
     columns = constants(time)[:, terms.held]
-    if terms.trend and not terms.offset:
-        return columns + 1.0, float(time[0])
-    return columns, 0.5 * float(time[0] + time[-1])
+    return columns + 1.0 if _begins_at_first(terms) else columns
+
+
+def _begins_at_first(terms: Terms) -> bool:
+    return terms.trend and not terms.offset
 
 
 def without(products: FloatArray, terms: Terms) -> tuple[FloatArray, float]:
@@ -97,7 +104,7 @@ def without(products: FloatArray, terms: Terms) -> tuple[FloatArray, float]:
     else:
         kept = [*held, *range(CONSTANTS, len(products))]
         left = products[np.ix_(kept, kept)]
-        if terms.trend:  # as in ``held_constants``: so much of an offset is in it
+        if _begins_at_first(terms):  # as in ``held_constants``: so much of an offset is in it
             left[0] += products[0, kept]
             left[:, 0] += products[kept, 0]
             left[0, 0] += products[0, 0]

@@ -52,8 +52,7 @@ class Whitening:
     ) -> Whitening:
         """Made ready from a shape of the noise; ``time`` and ``steps`` of the measured readings."""
         space = state_space(terms, entries)
-        held, _ = held_constants(time, terms)
-        basis, triangle = np.linalg.qr(whitened(space, held, steps)[0] / scale)
+        basis, triangle = np.linalg.qr(whitened(space, held_constants(time, terms), steps)[0] / scale)
         return cls(terms, space, scale, steps, inside, basis, np.asarray(np.linalg.inv(triangle)))
 
     def apply(self, rows: FloatArray) -> FloatArray:
@@ -68,7 +67,7 @@ class Whitening:
         return found
 
     def constants(self, residual: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Offset and trend of a residual and their covariance, in units of the rows; time as in ``held_constants``."""
+        """Offset and trend of a residual and their covariance, in units of the rows; time about its ``origin``."""
         answer = self.back @ (self.basis.T @ self._white(residual[None])[:, 0])
         return answer, self.back @ self.back.T
 

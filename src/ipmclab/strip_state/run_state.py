@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
@@ -50,6 +51,13 @@ class RunState(Tabled):
     adds: Mapping[str, float] = field(default_factory=dict)
     found: float | None = None
     shared_uncertainty: float = 0.0
+
+    @property
+    def place(self) -> tuple[float, float]:
+        """Where a wet strip lies among others: the logarithm of its water content, and its temperature in 50 K."""
+        assert self.water_content is not None
+        assert self.temperature is not None
+        return math.log(self.water_content), self.temperature / 50.0
 
     @classmethod
     def from_table(cls, table: Mapping[str, Any]) -> RunState:

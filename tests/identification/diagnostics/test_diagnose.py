@@ -18,11 +18,10 @@ from ipmclab import Fit, Run, identify, load_actuator, read_fit, report, simulat
 from ipmclab.errors import InputError
 from ipmclab.fit.in_brief import in_brief
 from ipmclab.fit.output_diagnosis import WORDS, OutputDiagnosis
-from ipmclab.identification.diagnostics.columns import along_directions, of_voltage
 from ipmclab.identification.diagnostics.diagnose import _incomplete
-from ipmclab.identification.diagnostics.left import Left
+from ipmclab.identification.diagnostics.left import Left, of_voltage
 from ipmclab.identification.diagnostics.residuals import _earlier
-from ipmclab.identification.diagnostics.score_directions import score_directions
+from ipmclab.identification.diagnostics.score_directions import along_directions, score_directions
 from ipmclab.identification.diagnostics.stages import Tried
 from ipmclab.identification.noise.pieces import Shape
 from ipmclab.model import Actuator

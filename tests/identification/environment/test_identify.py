@@ -14,11 +14,11 @@ from ipmclab.cli.simulate import simulate as simulate_verb
 from ipmclab.errors import InputError
 from ipmclab.fit.fit import Fit
 from ipmclab.identification.problem.free import parse_free
-from ipmclab.identification.problem.in_state import in_state
 from ipmclab.identification.problem.priors import with_priors
 from ipmclab.model.declared import declaration_of
 from ipmclab.model.environment import Environment
 from ipmclab.reporting.many_runs import many_runs_part
+from ipmclab.strip_state.in_state import in_state
 from ipmclab.strip_state.run_state import RunState
 
 STRIP = load_actuator("friend-2+environment.permittivity")

@@ -49,7 +49,7 @@ def problem() -> Problem:
     records = with_states(STRIP, runs, records, names.age)
     noise = {(place, output): 1e-4 for place in range(len(runs)) for output in ("current", "displacement")}
     start = StartingPoint({name: STRIP[name] for name in names.shared}, {})
-    return problem_at(STRIP, STRIP.parameters(), names, records, start, noise)
+    return problem_at(STRIP, names, records, start, noise)
 
 
 def test_derivatives_by_laws_water_and_age_are_exact() -> None:

@@ -24,9 +24,7 @@ def found(answer: FloatArray, residual: FloatArray, measured: npt.NDArray[np.boo
     exact = np.ones(len(answer), dtype=bool) if measured is None else measured
     side = np.where(exact, 0, 1).astype(np.int8)
     reading = Reading(answer - 0.5 * residual, np.ones(len(answer), dtype=bool), side, 0.5)
-    pieces = {KEY: slice(0, len(answer))}
-    records = {0: SimpleNamespace(readings={"current": reading})}
-    problem = SimpleNamespace(pieces=pieces, noise={KEY: 0.5}, record_at=records.__getitem__)
+    problem = SimpleNamespace(pieces={KEY: slice(0, len(answer))}, noise={KEY: 0.5}, readings={KEY: reading})
     evaluation = SimpleNamespace(residual=residual)
     fit: Any = SimpleNamespace(problem=problem, plain=evaluation, whitened=evaluation)
     return growth(fit, KEY)

@@ -60,12 +60,12 @@ def test_a_foreign_run_that_begins_at_rest_after_all_is_read_from_rest() -> None
     strip = load_actuator("friend-2")
     clean = simulate(strip, "step 1 V", duration=2.0, rate=20.0)
     run = Run.from_arrays(time=clean.time, voltage=clean.voltage, displacement=clean.displacement, hold="unknown")
-    names, parameters = parse_free(strip.parameter_values, "coupling.gain"), strip.parameters()
+    names = parse_free(strip.parameter_values, "coupling.gain")
     record = prepare(run, 0, ["displacement"], ())
     point, noise = StartingPoint({}, {0: record.at_its_rows}), {(0, "displacement"): 1e-6}
-    free = problem_at(strip, parameters, names, [replace(record, start="free")], point, noise)
+    free = problem_at(strip, names, [replace(record, start="free")], point, noise)
     resting = [replace(record, start=ASSUMED_REST)]
     after = Problem(free.base, resting, [u for u in free.unknowns if not u.is_start], free.responder, free.noise)
     theta = np.array([u.entry(-0.3 * u.scale if u.base == "observation.delay" else 1e-6) for u in after.unknowns])
-    new = problem_at(strip, parameters, names, resting, point, noise)
+    new = problem_at(strip, names, resting, point, noise)
     np.testing.assert_array_equal(after.evaluate(theta).rows, new.evaluate(theta).rows)

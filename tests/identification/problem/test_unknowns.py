@@ -88,7 +88,7 @@ def test_a_start_beyond_what_a_parameter_may_be_is_none() -> None:
     ratios = {f"relaxation.displacement.{mode}.ratio": sign * 5e4 for mode, sign in ((0, 1.0), (1, -1.0))}
     names = parse_free(STRIP.parameter_values, "relaxation")
     noise = {(0, "displacement"): 1e-6}
-    problem = problem_at(STRIP, STRIP.parameters(), names, [record], StartingPoint(ratios, {}), noise)
+    problem = problem_at(STRIP, names, [record], StartingPoint(ratios, {}), noise)
     assert sum(unknown.is_start for unknown in problem.unknowns) > 0
 
 

@@ -27,7 +27,7 @@ class Bent:
     """
 
     linear = added = np.zeros(2, dtype=bool)
-    on_means = responder = None
+    on_means, is_circuit = None, False
 
     def __init__(self, end: float) -> None:
         self.lower, self.upper = np.array([-20.0, -3.0]), np.array([end, 3.0])

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
 import pytest
 
 from ipmclab.identification.problem.evaluation import Evaluation
+from ipmclab.identification.search.descent import minimum_near
 from ipmclab.identification.search.projected import Projected
-from ipmclab.identification.search.solve import PATIENCE, minimise
+from ipmclab.identification.search.solve import PATIENCE, descend, minimise
 
 Array = npt.NDArray[np.float64]
 
@@ -19,13 +22,16 @@ class Lines:
     lower, upper = np.array([-20.0, -20.0, -np.inf]), np.array([2.0, 20.0, np.inf])
     linear = np.array([False, False, True])
     added = np.zeros(3, dtype=bool)
+    on_means, is_circuit = None, False
 
     def __init__(self, little: float) -> None:
         generator = np.random.default_rng(20261123)
         self.columns = generator.standard_normal((3, 6)) * np.array([[1.0], [1e-7], [little]])
         self.target = 3.0 * self.columns[0]
+        self.asked = 0
 
     def evaluate(self, theta: Array) -> Evaluation:
+        self.asked += 1
         return Evaluation(np.vstack([self.columns, theta @ self.columns - self.target]))
 
 
@@ -143,3 +149,13 @@ def test_where_all_is_linear_one_step_is_the_answer() -> None:
     found = minimise(lines, np.array([-1e6, 1e9, 0.0]))
     assert found.converged
     assert found.evaluation.cost < 1e-12
+
+
+@pytest.mark.parametrize("search", [descend, minimum_near])
+def test_a_search_from_near_a_minimum_says_how_often_it_has_asked_the_model(search: Any) -> None:
+    """The first point was asked for the Gauss-Newton steps, and missing in what a fit says of its evaluations."""
+    problem = Lines(1.0)
+    problem.upper = np.array([20.0, 20.0, np.inf])
+    found = search(problem, np.array([1.0, 2.0, 0.0]))
+    assert found.converged
+    assert found.evaluations == problem.asked

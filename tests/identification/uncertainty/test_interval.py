@@ -29,7 +29,7 @@ from ipmclab.identification.uncertainty.interval import (
     values_within_bounds,
     with_rivals,
 )
-from ipmclab.identification.uncertainty.profile import Walk, one_side
+from ipmclab.identification.uncertainty.profile import Walk
 from ipmclab.model import load_actuator
 from ipmclab.model.stages.circuit import DC
 
@@ -50,7 +50,7 @@ class Gain:
     added = linear
     unknowns = (SimpleNamespace(base="coupling.gain"), SimpleNamespace(base="coupling.p1"))
     on_means = None
-    responder = None
+    is_circuit = False
 
     def __init__(self, seen: float, sigma: float, sign: float = 1.0, drawn: float = 0.0) -> None:
         self.seen, self.scale, self.sign, self.drawn = seen, sigma / math.sqrt(2.0), sign, drawn
@@ -88,12 +88,11 @@ def test_a_walk_finds_where_the_profile_crosses_a_height(sigma: float, height: f
 def test_a_side_of_a_profile_has_every_point_on_the_way_and_not_the_minimum(side: float) -> None:
     gain, theta = Gain(1.0, 0.1), np.zeros(2)
     solution = Solution(theta, gain.evaluate(theta), True, "", 1)
-    crossing, points = one_side(cast(Any, gain), solution, 0, side * 0.1, 1.96**2)
-    assert crossing == pytest.approx(math.log1p(side * 0.196), rel=0.01)
-    walk = gain.walks()[side > 0.0]
-    walk.distance(1.96)
-    assert [point.entry for point in points] == [point.entry for point in walk.points if point.height > 0.0]
-    assert points
+    walk = Walk(cast(Any, gain), solution, 0, side * 0.1)
+    assert side * walk.distance(1.96) == pytest.approx(math.log1p(side * 0.196), rel=0.01)
+    assert walk.points[0].height == 0.0
+    assert [point.height > 0.0 for point in walk.points[1:]] == [True] * (len(walk.points) - 1)
+    assert len(walk.points) > 1
 
 
 def test_a_side_on_which_the_cost_stays_low_is_open() -> None:

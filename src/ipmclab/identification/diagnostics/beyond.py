@@ -7,15 +7,16 @@ from dataclasses import replace
 
 import numpy as np
 
+from ipmclab.fit.ages import rates_of
 from ipmclab.fit.fit import Fit
 from ipmclab.fit.observation import Observation
 from ipmclab.identification.problem.free_run import predict, seen_from_sensor
-from ipmclab.identification.problem.in_state import rates_of, strip_in_state
 from ipmclab.identification.problem.record import PreparedRun, own_endings, own_values
 from ipmclab.model import Actuator
 from ipmclab.model.stages.laser import blank_lost
 from ipmclab.model.validity import validity
 from ipmclab.run import Finding, Run
+from ipmclab.strip_state.in_state import strip_in_state
 
 
 def beyond_findings(fit: Fit, records: Sequence[PreparedRun]) -> list[Finding]:

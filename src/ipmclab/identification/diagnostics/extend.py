@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import islice
 from typing import Final
 
@@ -34,25 +34,8 @@ _AFRESH: Final = 60  # of the model, for the best of the other starts, which is 
 _STARTS: Final = 3  # the most likely ones
 
 
-@dataclass(frozen=True, eq=False)
-class Extended:
-    """A fit with one stage more.
-
-    Parameters
-    ----------
-    problem : Problem
-        Not whitened, with the weights of the fit without it.
-    solution : Solution
-        Near the least squares of white noise.
-    """
-
-    problem: Problem
-    solution: Solution
-
-    @property
-    def cost(self) -> float:
-        """Weighted squares that it leaves."""
-        return self.solution.evaluation.cost
+Extended = tuple[Problem, Solution]
+"""The problem with one stage more, not whitened, with the weights of the fit without it; near its least squares."""
 
 
 def from_here(
@@ -84,7 +67,9 @@ def from_here(
             unknowns.append(unknown)
             entries.append(unknown.entry(unknown.inside(parameters[name].value)))
         base = {**richer.parameter_values, **values, **sized}
-        responder = _responder(problem, richer)
+        responder: CircuitResponder | ActuatorResponder = ActuatorResponder(richer)
+        if problem.is_circuit and richer.structure.is_lumped:
+            responder = CircuitResponder(richer.circuit.branches)
         for record in problem.records:
             if record.start == "free":
                 if isinstance(responder, ActuatorResponder):
@@ -96,7 +81,7 @@ def from_here(
         found = _briefly(wider, start, _EVALUATIONS)
     except (IpmclabError, ArithmeticError, ValueError, np.linalg.LinAlgError):
         return None
-    return Extended(wider, found) if np.isfinite(found.evaluation.cost) else None
+    return (wider, found) if np.isfinite(found.evaluation.cost) else None
 
 
 def afresh(
@@ -120,7 +105,6 @@ def afresh(
         richer = with_stages(actuator, direction.stage)
         richer = richer.replace(**direction.sized(kind_named(direction.stage), 1.0))
         wider = replace(names, shared=(*names.shared, *_freed(actuator, richer)))
-        parameters = richer.parameters()
         # It may be for want of this stage that a start from rest was contradicted.
         records = [
             replace(record, start=ASSUMED_REST)
@@ -129,19 +113,20 @@ def afresh(
             for record in problem.records
         ]
         tried = []
+        least = np.inf if known is None else known[1].evaluation.cost
         for point in islice(starting_points(richer, wider, records), _STARTS):
-            own = problem_at(richer, parameters, wider, records, point, problem.noise)
-            tried.append(Extended(own, _briefly(own, entries_at(own, point), SHORTLY)))
-            if known is not None and abs(tried[-1].cost - known.cost) < _SAME * known.cost:
+            own = problem_at(richer, wider, records, point, problem.noise)
+            tried.append((own, _briefly(own, entries_at(own, point), SHORTLY)))
+            if abs(tried[-1][1].evaluation.cost - least) < _SAME * least:
                 return known
-        lowest = min(tried, key=lambda one: one.cost)
-        if known is not None and not lowest.cost < HOPE * known.cost:
+        own, lowest = min(tried, key=lambda one: one[1].evaluation.cost)
+        if not lowest.evaluation.cost < HOPE * least:
             return known
-        if not lowest.solution.converged:
-            lowest = replace(lowest, solution=_briefly(lowest.problem, lowest.solution.theta, _AFRESH))
+        if not lowest.converged:
+            lowest = _briefly(own, lowest.theta, _AFRESH)
     except (IpmclabError, ArithmeticError, ValueError, np.linalg.LinAlgError):
         return known
-    return lowest if known is None or lowest.cost < known.cost else known
+    return (own, lowest) if lowest.evaluation.cost < least else known
 
 
 def _briefly(problem: Problem, theta: FloatArray, evaluations: int) -> Solution:
@@ -155,9 +140,3 @@ def _briefly(problem: Problem, theta: FloatArray, evaluations: int) -> Solution:
 def _freed(actuator: Actuator, richer: Actuator) -> list[str]:
     """The parameters of a stage that are free at a first look."""
     return [name for name in richer.parameter_values if name not in actuator.parameter_values and not is_held(name)]
-
-
-def _responder(problem: Problem, richer: Actuator) -> CircuitResponder | ActuatorResponder:
-    if isinstance(problem.responder, CircuitResponder) and richer.structure.is_lumped:
-        return CircuitResponder(richer.circuit.branches)
-    return ActuatorResponder(richer)

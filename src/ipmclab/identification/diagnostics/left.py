@@ -10,18 +10,21 @@ from typing import Final
 import numpy as np
 
 from ipmclab.confidence import REJECT
-from ipmclab.identification.diagnostics.columns import of_voltage
 from ipmclab.identification.diagnostics.evidence import Evidence
 from ipmclab.identification.noise.pieces import Key, Piece, System, choose_noise, with_constants
 from ipmclab.identification.noise.searched_outputs import FLOOR
 from ipmclab.identification.problem.evaluation import Evaluation
 from ipmclab.identification.problem.problem import Problem
-from ipmclab.identification.problem.record import Reading
+from ipmclab.identification.problem.record import Reading, drive
 from ipmclab.identification.solved import Estimate
 from ipmclab.identification.uncertainty.covariance import is_coloured
+from ipmclab.model.numerics.drive import Drive, responses
 from ipmclab.run import FloatArray
 from ipmclab.statespace.shape import Shape
 from ipmclab.statespace.terms import Terms
+
+_LAGS: Final = (0.002, 0.006, 0.02, 0.06, 0.2, 0.6)
+"""Of the longest record: time constants by which a voltage is filtered."""
 
 _HINT: Final = 0.05  # p-value beside the noise that was found, above which the likelihood is not asked
 _BENT: Final = 0.05  # of what is asked for: the part that is not in proportion to the voltage
@@ -108,8 +111,7 @@ class Left:
         """Weighted squares of one size [SI] in every reading of a run."""
         found = 0.0
         for piece in self.pieces:
-            reading = self.problem.record_at(piece.key[0]).readings[self.output]
-            found += len(piece.time) * (size(reading) / self.problem.noise[piece.key]) ** 2
+            found += len(piece.time) * (size(self.problem.readings[piece.key]) / self.problem.noise[piece.key]) ** 2
         return found
 
     def squares(self, problem: Problem, here: Evaluation) -> float:
@@ -186,4 +188,34 @@ def _drifting(pieces: Sequence[Piece], shapes: Mapping[Key, Shape]) -> dict[Key,
     for piece in pieces:
         shape, allowed = shapes[piece.key], piece.allowed
         found[piece.key] = replace(shape, terms=replace(shape.terms, offset=allowed.offset, trend=allowed.trend))
+    return found
+
+
+def of_voltage(problem: Problem, theta: FloatArray, output: str, *, bent: bool = False) -> FloatArray:
+    """The voltage and lagged copies of it, in every run that has an output; shape (n_columns, n_residual).
+
+    Parameters
+    ----------
+    problem : Problem
+    theta : float array, shape (n_unknown,)
+    output : str
+    bent : bool
+        Of the voltage times its magnitude in its place: what no linear model answers to.
+    """
+    longest = max(float(record.run.time[-1] - record.run.time[0]) for record in problem.records)
+    poles = -1.0 / (np.array(_LAGS) * longest)
+    found = np.zeros((1 + len(poles), problem.beforehand.stop))
+    for record in problem.records:
+        if output not in record.readings:
+            continue
+        driven = drive(record, problem.delay(theta, record))
+        if bent:
+            start, end, present = (one * np.abs(one) for one in (driven.start, driven.end, driven.present))
+            driven = Drive(driven.durations, driven.kind, start, end, present, driven.rows)
+        lagged, _ = responses(driven, poles)
+        used = record.readings[output].used
+        key = record.place, output
+        piece = problem.pieces[key]
+        found[0, piece] = driven.present[used] / problem.noise[key]
+        found[1:, piece] = lagged[:, used] / problem.noise[key]
     return found

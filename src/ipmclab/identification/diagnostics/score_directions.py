@@ -8,10 +8,11 @@ from dataclasses import replace
 import numpy as np
 
 from ipmclab.errors import IpmclabError
-from ipmclab.identification.problem.excitation import excitation
 from ipmclab.identification.problem.free_run import seen_from_sensor
+from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.problem.record import PreparedRun, model_hold
 from ipmclab.model import Actuator
+from ipmclab.model.excitation import excitation
 from ipmclab.model.kinds import kinds
 from ipmclab.model.outputs import simulate_outputs
 from ipmclab.model.stages.kind import Trial
@@ -49,7 +50,7 @@ def one_step_along(direction: Trial, actuator: Actuator) -> Actuator:
     return with_stages(actuator, direction.stage).replace(**direction.values, **changes)
 
 
-def response(
+def _response(
     direction: Trial, actuator: Actuator, record: PreparedRun, delay: float, state: Mapping[str, float] | None
 ) -> dict[str, FloatArray] | None:
     """What a direction changes in the readings of the outputs that it has; None where it does not go with an actuator.
@@ -78,3 +79,28 @@ def response(
     except (IpmclabError, ArithmeticError, np.linalg.LinAlgError):
         return None
     return dict(zip(shown, changed, strict=True)) if np.isfinite(changed).all() else None
+
+
+def along_directions(
+    problem: Problem, theta: FloatArray, actuator: Actuator, directions: Sequence[Trial], output: str
+) -> tuple[list[Trial], FloatArray]:
+    """Those that go with an actuator, and what each changes in one output; shape (n_directions, n_residual)."""
+    kept, rows = [], []
+    for direction in directions:
+        row = np.zeros(problem.beforehand.stop)
+        for record in problem.records:
+            if output not in record.readings:
+                continue
+            values = problem.values(theta, record.place)
+            state = None
+            if record.start == "free":
+                state = problem.responder.initial_state(record, values, problem.start(theta, record.place))
+            found = _response(direction, actuator.replace(**values), record, problem.delay(theta, record), state)
+            if found is None:
+                break
+            key = record.place, output
+            row[problem.pieces[key]] = found[output][record.readings[output].used] / problem.noise[key]
+        else:
+            kept.append(direction)
+            rows.append(row)
+    return kept, np.array(rows).reshape(len(rows), problem.beforehand.stop)

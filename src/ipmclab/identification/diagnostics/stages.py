@@ -7,10 +7,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from ipmclab.identification.diagnostics.columns import along_directions
 from ipmclab.identification.diagnostics.extend import Extended, afresh, from_here
 from ipmclab.identification.diagnostics.left import Left
-from ipmclab.identification.diagnostics.score_directions import score_directions
+from ipmclab.identification.diagnostics.score_directions import along_directions, score_directions
 from ipmclab.identification.problem.free import FreeParameters
 from ipmclab.identification.problem.record import as_read
 from ipmclab.model import Actuator
@@ -73,7 +72,7 @@ def tried_stages(actuator: Actuator, names: FreeParameters, every: Sequence[Left
         # So far from the readings that a little of a stage is no guide: each from what the readings themselves show.
         # Where one leaves the noise alone, only those that did not go with the fit as it is.
         best = [found[one.stage] for one in _best_first(tried)[:1]]
-        enough = any(not any(left.is_large(one.problem, one.solution.evaluation) for left in doubted) for one in best)
+        enough = any(not any(left.is_large(of, one.evaluation) for left in doubted) for of, one in best)
         for direction in {one.stage: one for one in some}.values():
             known = found.get(direction.stage)
             if enough and known is not None:
@@ -102,14 +101,14 @@ def _hints(actuator: Actuator, doubted: Sequence[Left], some: Sequence[Trial]) -
 
 def _judged(name: str, extended: Extended, doubted: Sequence[Left], own: float) -> Tried:
     """What a stage would explain of what is left; ``own`` is the deviance of the fit as it is."""
-    here = extended.solution.evaluation
-    added = len(extended.problem.unknowns) - len(doubted[0].problem.unknowns)
-    gain = own - sum(left.deviance(extended.problem, here) for left in doubted)
+    problem, here = extended[0], extended[1].evaluation
+    added = len(problem.unknowns) - len(doubted[0].problem.unknowns)
+    gain = own - sum(left.deviance(problem, here) for left in doubted)
     shares = {}
     for left in doubted:
         squares = left.squares(left.problem, left.here)
         beyond = max(squares - left.noise, 0.01 * squares)
-        shares[left.output] = min((squares - left.squares(extended.problem, here)) / beyond, 1.0)
+        shares[left.output] = min((squares - left.squares(problem, here)) / beyond, 1.0)
     readings = sum(left.readings for left in doubted)
     return Tried(name, gain - max(added, 1) * math.log(readings), shares)
 

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Final
 
 from ipmclab.confidence import REJECT
 from ipmclab.identification.problem.problem import Problem
-from ipmclab.identification.problem.unknowns import SITES, Unknown
+from ipmclab.identification.problem.unknowns import SITES
 from ipmclab.identification.search.solve import Solution
 from ipmclab.run import Finding
 
@@ -25,11 +24,12 @@ def water_contradicted(problem: Problem, solution: Solution) -> list[Finding]:
     from scipy.special import chdtrc
 
     shifts = {one.base: float(solution.theta[place]) for place, one in enumerate(problem.unknowns) if one.base == SITES}
-    away = {
-        place: (float(solution.theta[place]) - _expected(unknown, shifts)) / unknown.prior[1]
-        for place, unknown in enumerate(problem.unknowns)
-        if unknown.is_water and unknown.prior is not None
-    }
+    away = {}
+    for place, unknown in enumerate(problem.unknowns):
+        if unknown.is_water and unknown.prior is not None:
+            # What is known of it beforehand has the error that weighed runs share.
+            shared = sum(slope * shifts.get(other, 0.0) for other, (slope, _) in unknown.follows.items())
+            away[place] = (float(solution.theta[place]) - (unknown.prior[0] + shared)) / unknown.prior[1]
     total = sum(one * one for one in away.values())
     if not away or chdtrc(len(away), total) > REJECT:
         return []
@@ -51,9 +51,3 @@ def water_contradicted(problem: Problem, solution: Solution) -> list[Finding]:
             values={"chi_square": total, "runs": len(away)},
         )
     ]
-
-
-def _expected(unknown: Unknown, shifts: Mapping[str, float]) -> float:
-    """What is known of an entry beforehand, with the error that weighed runs share."""
-    assert unknown.prior is not None
-    return unknown.prior[0] + sum(slope * shifts.get(other, 0.0) for other, (slope, _) in unknown.follows.items())

@@ -4,22 +4,23 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import product
 from typing import Final
 
 import numpy as np
 
 from ipmclab.fit.fit import Fit
-from ipmclab.identification.problem.in_state import InState, in_state
-from ipmclab.identification.problem.order import Order
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.problem.record import PreparedRun
 from ipmclab.identification.search.solve import Solution
 from ipmclab.model.environment import Environment, equilibrium
 from ipmclab.model.environment.laws import is_of_environment
 from ipmclab.model.environment.sorption import slope
+from ipmclab.model.order import Order
 from ipmclab.normal_equations import inverse
 from ipmclab.run import Finding, FloatArray
+from ipmclab.strip_state.in_state import InState, in_state
 from ipmclab.strip_state.run_state import RunState
 from ipmclab.strip_state.state_of_run import HUMIDITY_ERROR
 
@@ -79,15 +80,11 @@ def _finding(
 ) -> Finding:
     humidity, temperature = place
     one = fit.parameters[name]
-    quantity = fit.actuator.parameters()[name].quantity
     there = f"{temperature:g} degC, {humidity:g} %RH"
-    error = one.standard_error
-    reason = (
-        ""
-        if math.isinf(error)
-        else f" (standard error {quantity.to_display(error):.2g} {quantity.display_unit})".replace(" )", ")")
-    )
-    after = "" if math.isinf(error) else f": {100.0 * left:.2g} % of that error"
+    reason = after = ""
+    if math.isfinite(one.standard_error):
+        reason = f" (standard error {fit.actuator.parameters()[name].quantity.text(one.standard_error)})"
+        after = f": {100.0 * left:.2g} % of that error"
     values = {"relative_humidity": humidity, "temperature": temperature, "error_left": left}
     if is_open:
         return Finding(
@@ -124,10 +121,10 @@ def _information_of(
     values = problem.in_reference(solution.theta, problem.records[0].place)
     water = equilibrium(values, Environment(temperature, humidity)).water_content
     uncertainty = float(slope(values, humidity / 100.0)) * HUMIDITY_ERROR / 100.0
-    record = min(problem.records, key=lambda one: _distance(one, water, temperature))
-    old = record.state
-    assert old is not None
-    state = RunState(water, uncertainty, "assumed", temperature, humidity, doses=old.doses)
+    new = RunState(water, uncertainty, "assumed", temperature, humidity)
+    runs = [(record, state) for record in problem.records if (state := record.state) is not None]
+    record, old = min(runs, key=lambda run: sum(abs(a - b) for a, b in zip(run[1].place, new.place, strict=True)))
+    state = replace(new, doses=old.doses)
     unknowns = [problem.unknowns[place] for place in asked]
     shared = [u.base if u.base in values and u.belongs_to(record.place) else "" for u in unknowns]
     names = [name for name in shared if name]
@@ -163,14 +160,6 @@ def _of_parameters(problem: Problem, solution: Solution, record: PreparedRun, he
             columns = columns - columns.mean(axis=0)
         total += columns.T @ columns
     return total
-
-
-def _distance(record: PreparedRun, water: float, temperature: float) -> float:
-    state = record.state
-    assert state is not None
-    assert state.water_content is not None
-    assert state.temperature is not None
-    return abs(math.log(state.water_content / water)) + abs(state.temperature - temperature) / 50.0
 
 
 def _without(products: FloatArray, kept: Sequence[int], others: Sequence[int]) -> FloatArray:

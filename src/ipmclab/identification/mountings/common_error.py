@@ -16,6 +16,7 @@ import numpy.typing as npt
 from ipmclab.fit.fit import Fit, FittedParameter
 from ipmclab.identification.problem.unknowns import actuator_unknown
 from ipmclab.identification.solved import solved
+from ipmclab.named_matrix import matrix_of
 from ipmclab.run import FloatArray
 
 _NOTHING = 1e-12  # of the largest eigenvalue
@@ -112,10 +113,10 @@ def loadings_of_joint(fit: Fit, names: Sequence[str]) -> FloatArray:
     """
     table = fit.covariance
     causes = [name for name in table if "[" not in name]
-    between = np.array([[table[name][cause] for cause in causes] for name in names]).reshape(len(names), len(causes))
+    between = matrix_of(table, names, causes)
     moved = np.zeros((len(names), 0))
     if causes:
-        shared = np.array([[table[one][other] for other in causes] for one in causes])
+        shared = matrix_of(table, causes)
         # Units differ by many powers of ten.
         scale = np.sqrt(np.maximum(shared.diagonal(), np.finfo(float).tiny))
         size, vectors = np.linalg.eigh(shared / np.outer(scale, scale))
@@ -172,8 +173,7 @@ def _beside_others(fit: Fit, stated: Sequence[str]) -> FloatArray | None:
     """
     if not all(name in fit.covariance for name in stated):
         return None
-    together = np.array([[fit.covariance[one][other] for other in stated] for one in stated])
-    together = together.reshape(len(stated), len(stated))
+    together = matrix_of(fit.covariance, stated)
     if not np.count_nonzero(together - np.diag(together.diagonal())):
         return None
     size = np.sqrt(together.diagonal())

@@ -28,7 +28,7 @@ from ipmclab.identification.problem.evaluation import Evaluation
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.search.solve import Solution
 from ipmclab.run import FloatArray
-from ipmclab.statespace.columns import held_constants
+from ipmclab.statespace.columns import origin
 from ipmclab.statespace.noise_model import NoiseModel
 from ipmclab.statespace.shape import Shape, drawn, spread_by
 from ipmclab.statespace.terms import Terms
@@ -104,10 +104,10 @@ class Correlated:
                 continue
             values = list(self.problem.noise[key] * answer)
             level = float(values.pop(0)) if terms.offset else 0.0
-            _, origin = held_constants(piece.time, terms)
             half = 0.5 * float(piece.time[-1] - piece.time[0])
             slope = float(values.pop(0)) / half if terms.trend else 0.0
-            found[key] = level - slope * (origin - float(self.problem.record_at(key[0]).run.time[0])), slope
+            begins = origin(piece.time, terms) - float(self.problem.record_at(key[0]).run.time[0])
+            found[key] = level - slope * begins, slope
         return found
 
     @property
@@ -147,7 +147,7 @@ class Correlated:
         residual = self.plain.residual[self.problem.pieces[key]]
         if key not in self._constants:
             return residual
-        added = self.beside(key)[self.problem.record_at(key[0]).readings[key[1]].used]
+        added = self.beside(key)[self.problem.readings[key].used]
         return np.asarray(residual + np.where(self.pieces[key].inside, added / self.problem.noise[key], 0.0))
 
     def resting(self, key: Key) -> Resting:
@@ -195,7 +195,7 @@ class Correlated:
             return np.asarray(scaled.T @ scaled)
         turned = self.problem.whitened(key, rows.T).T
         moved = np.zeros((0, rows.shape[1]))
-        inside = self.problem.record_at(key[0]).readings[key[1]].exact_of_used
+        inside = self.problem.readings[key].exact_of_used
         if key in self.zeros:
             # What is known of a zero or a slope beforehand has an error too: of rows at 0 V, and of its own.
             projection, own_errors = self._known[key]

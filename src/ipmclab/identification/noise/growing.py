@@ -48,12 +48,10 @@ def growth(correlated: Correlated, key: Key) -> Growth | None:
     key : (place, output)
     """
     problem, piece = correlated.problem, correlated.problem.pieces[key]
-    record = problem.record_at(key[0])
-    inside = record.readings[key[1]].exact_of_used
-    residual = correlated.whitened.residual[piece]
-    reading = record.readings[key[1]].values[record.readings[key[1]].used]
+    reading, residual = problem.readings[key], correlated.whitened.residual[piece]
+    inside = reading.exact_of_used
     # Of the model: a reading is large where its own noise is.
-    answer = np.abs(reading + problem.noise[key] * correlated.plain.residual[piece])[inside]
+    answer = np.abs(reading.values[reading.used] + problem.noise[key] * correlated.plain.residual[piece])[inside]
     size = np.abs(residual[inside])
     if len(size) < _FEWEST:
         return None

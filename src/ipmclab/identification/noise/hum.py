@@ -39,9 +39,12 @@ def hum_in(correlated: Correlated, key: Key) -> Hum | None:
     key : (place, output)
     """
     problem, piece = correlated.problem, correlated.problem.pieces[key]
-    record = problem.record_at(key[0])
-    inside, rows = record.readings[key[1]].exact_of_used, np.flatnonzero(record.readings[key[1]].exact)
-    time = record.run.time[rows]
+    run, inside, rows = (
+        problem.record_at(key[0]).run,
+        problem.readings[key].exact_of_used,
+        np.flatnonzero(problem.readings[key].exact),
+    )
+    time = run.time[rows]
     if len(rows) < _FEWEST or np.ptp(np.diff(time)) > 1e-3 * float(time[1] - time[0]):
         return None
     power = _spectrum(correlated.whitened.residual[piece][inside])
@@ -51,7 +54,7 @@ def hum_in(correlated: Correlated, key: Key) -> Hum | None:
         return None
     left = correlated.plain.residual[piece][inside] * problem.noise[key]
     frequency = _frequency(left, peak, time)
-    if _is_of_the_drive(record.run.voltage[rows], peak, frequency, time):
+    if _is_of_the_drive(run.voltage[rows], peak, frequency, time):
         return None
     middle = len(left) // 2
     first, second = (_amplitude(left[h], frequency, time[h]) for h in (slice(middle), slice(middle, None)))

@@ -22,22 +22,17 @@ def searched_outputs(problem: Problem, here: Evaluation) -> tuple[list[Piece], s
     found = []
     coloured: set[str] = set()
     basis: FloatArray | None = None
-    for record in problem.records:
-        for output in record.readings:
-            key = record.place, output
-            if problem.noise[key] <= FLOOR * problem.floors[key]:
-                continue
-            piece = problem.pieces[key]
-            inside = record.readings[output].exact_of_used
-            residual = here.residual[piece] if inside.all() else here.residual[piece][inside]
-            if len(residual) < 2 * CONSTANTS:
-                continue
-            if basis is None:
-                basis = imitated(here)
-            explained = _explained(basis[piece][inside], record.times_of(output), residual)
-            found.append(Piece.of(record, output, problem.unknowns))
-            if needs_search(residual, explained):
-                coloured.add(output)
+    for key, rows in problem.pieces.items():
+        inside = problem.readings[key].exact_of_used
+        residual = here.residual[rows][inside]
+        if problem.noise[key] <= FLOOR * problem.floors[key] or len(residual) < 2 * CONSTANTS:
+            continue
+        if basis is None:
+            basis = imitated(here)
+        piece = Piece.of(problem.record_at(key[0]), key[1], problem.unknowns)
+        found.append(piece)
+        if needs_search(residual, _explained(basis[rows][inside], piece.time, residual)):
+            coloured.add(key[1])
     return found, coloured
 
 

@@ -111,6 +111,5 @@ def at_rest_and_driven(under: Correlated, key: Key) -> tuple[float, float] | Non
         return None
     driven = under.left(key)[under.pieces[key].inside][len(noise.left) :]
     unit = under.problem.noise[key]
-    step = under.problem.record_at(key[0]).readings[key[1]].quantum
-    at_rest = max(unit * float(np.std(noise.left)), step / math.sqrt(12.0))
+    at_rest = max(unit * float(np.std(noise.left)), under.problem.readings[key].quantum / math.sqrt(12.0))
     return at_rest, unit * float(np.sqrt(np.mean(driven**2)))

@@ -26,7 +26,7 @@ from ipmclab.identification.problem.evaluation import Evaluation
 from ipmclab.identification.problem.problem import Noise, Problem
 from ipmclab.identification.problem.record import PreparedRun
 from ipmclab.run import FloatArray
-from ipmclab.statespace.columns import held_constants
+from ipmclab.statespace.columns import held_constants, origin
 from ipmclab.statespace.shape import Shape
 from ipmclab.statespace.terms import Terms
 
@@ -71,7 +71,6 @@ class Zero:
         """The constants that a noise calls for, which is in so many SI units."""
         inside = record.readings[output].exact_of_used
         time = record.times_of(output)
-        columns, origin = held_constants(time, terms)
         half = 0.5 * float(time[-1] - time[0])
         rest = slope_at_rest(record, output, noise, unit) if terms.trend else NO_SLOPE
         most = math.inf
@@ -82,7 +81,7 @@ class Zero:
                 most = LARGEST_ZERO * largest
                 rest = rest._replace(error=min(rest.error, most / half))
         inflation = slope_inflation(time, record.step, noise) if terms.trend else 1.0
-        return cls(terms, columns, inside, origin, half, rest, most, inflation)
+        return cls(terms, held_constants(time, terms), inside, origin(time, terms), half, rest, most, inflation)
 
     def on(self, record: PreparedRun, output: str) -> Zero:
         """The same beside means of the rows."""
@@ -105,7 +104,13 @@ class Zero:
         by_rows = np.zeros_like(self.columns)
         if self.terms.trend:
             by_rows[: len(self.rest.weights), -1] = self.rest.weights * self.half
-        return Projection.of(self.columns, precision, centre, errors, by_rows)
+        inner = np.linalg.inv(self.columns.T @ self.columns + np.diag(precision))
+        orthonormal, triangle = np.linalg.qr(self.columns)
+        share, turn = np.linalg.eigh(triangle @ inner @ triangle.T)
+        basis = orthonormal @ turn
+        taken = basis * (1.0 - np.sqrt(np.clip(1.0 - share, 0.0, 1.0)))
+        expected, answer = self.columns @ centre, inner @ self.columns.T
+        return Projection(basis, taken, answer, centre, expected, self.columns, errors, by_rows)
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,17 +144,6 @@ class Projection:
     columns: FloatArray
     known: FloatArray
     by_rows: FloatArray
-
-    @classmethod
-    def of(
-        cls, columns: FloatArray, precision: FloatArray, centre: FloatArray, known: FloatArray, by_rows: FloatArray
-    ) -> Projection:
-        inner = np.linalg.inv(columns.T @ columns + np.diag(precision))
-        orthonormal, triangle = np.linalg.qr(columns)
-        share, turn = np.linalg.eigh(triangle @ inner @ triangle.T)
-        basis = orthonormal @ turn
-        taken = basis * (1.0 - np.sqrt(np.clip(1.0 - share, 0.0, 1.0)))
-        return cls(basis, taken, inner @ columns.T, centre, columns @ centre, columns, known, by_rows)
 
 
 class DriftingProblem(Changed):

@@ -53,6 +53,11 @@ class Evaluation:
         with np.errstate(over="ignore"):
             return float(self.residual @ self.residual)
 
+    @property
+    def per_residual(self) -> float:
+        """The same of each of them, on average."""
+        return self.cost / max(len(self.residual), 1)
+
     @cached_property
     def triangle(self) -> FloatArray:
         """R of the QR decomposition of the Jacobian with the residual as its last column.

@@ -146,12 +146,8 @@ def prior_findings(actuator: Actuator, priors: Mapping[str, Prior], fit: Fit, al
         log = actuator_unknown(base, None).log
 
         def shown(value: float, error: float, base: Parameter = base, log: bool = log) -> str:
-            unit = base.quantity.display_unit
-            text = f"{base.quantity.to_display(value):.4g} {unit}".rstrip()
-            width = (
-                f"{100.0 * error / value:.2g} %" if log else f"{base.quantity.to_display(error):.2g} {unit}".rstrip()
-            )
-            return f"{text} within {width}"
+            width = f"{100.0 * error / value:.2g} %" if log else base.quantity.text(error)
+            return f"{base.quantity.text(value, digits=4)} within {width}"
 
         before = shown(*one.prior) + (", as the literature has it," if prior.of_literature else "")
         own = shown(free.value, free.standard_error) if free is not None and free.determined else ""

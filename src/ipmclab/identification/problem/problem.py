@@ -11,18 +11,17 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.identification.problem.evaluation import Evaluation
-from ipmclab.identification.problem.in_state import InState, in_state
 from ipmclab.identification.problem.means import in_means
 from ipmclab.identification.problem.place import Place
-from ipmclab.identification.problem.record import LEAST_NOISE, PreparedRun
-from ipmclab.identification.problem.response import Responder
+from ipmclab.identification.problem.record import LEAST_NOISE, PreparedRun, Reading
+from ipmclab.identification.problem.response import CircuitResponder, Responder
 from ipmclab.identification.problem.unknowns import WATER, Unknown
 from ipmclab.model.declared import is_proportional
 from ipmclab.model.environment import sorption
 from ipmclab.model.sensitivity import Sensitivities, widened
 from ipmclab.progress import tick
 from ipmclab.run import FloatArray
-from ipmclab.strip_state.run_state import RunState
+from ipmclab.strip_state.in_state import InState, in_state
 
 Mask = npt.NDArray[np.bool_]
 Noise = Mapping[tuple[int, str], float]
@@ -90,6 +89,11 @@ class Problem:
         return Problem(self.base, records, self.unknowns, self.responder.for_means(), self.noise)
 
     @property
+    def is_circuit(self) -> bool:
+        """Whether it is of a circuit alone, whose runs cost next to nothing."""
+        return isinstance(self.responder, CircuitResponder)
+
+    @property
     def plain(self) -> Problem:
         """The problem as its readings are, nothing projected out of them and nothing whitened."""
         return self
@@ -137,25 +141,24 @@ class Problem:
         return np.asarray(self.linear & np.array([one.is_of_sensor for one in self.unknowns], dtype=bool))
 
     @cached_property
+    def readings(self) -> dict[tuple[int, str], Reading]:
+        """Of each run and output."""
+        return {(record.place, output): one for record in self.records for output, one in record.readings.items()}
+
+    @cached_property
     def floors(self) -> dict[tuple[int, str], float]:
         """Noise below which readings cannot be distinguished from the rounding of the model [SI]."""
         return {
-            (record.place, output): max(ROUNDING * float(np.abs(reading.values).max(initial=0.0)), LEAST_NOISE)
-            for record in self.records
-            for output, reading in record.readings.items()
+            key: max(ROUNDING * float(np.abs(reading.values).max(initial=0.0)), LEAST_NOISE)
+            for key, reading in self.readings.items()
         }
 
     @cached_property
     def pieces(self) -> dict[tuple[int, str], slice]:
         """Where the readings of each run and output stand in the residual vector."""
-        found: dict[tuple[int, str], slice] = {}
-        begin = 0
-        for record in self.records:
-            for output, reading in record.readings.items():
-                end = begin + int(np.count_nonzero(reading.used))
-                found[record.place, output] = slice(begin, end)
-                begin = end
-        return found
+        counts = [int(np.count_nonzero(reading.used)) for reading in self.readings.values()]
+        ends = np.cumsum(counts, dtype=int).tolist()
+        return {key: slice(end - count, end) for key, end, count in zip(self.readings, ends, counts, strict=True)}
 
     @cached_property
     def beforehand(self) -> slice:
@@ -183,8 +186,7 @@ class Problem:
 
     def values(self, theta: FloatArray, place: int) -> dict[str, float]:
         """The actuator's parameters as one run has them, in the state in which its strip was."""
-        reference, state = self.in_reference(theta, place), self.places[place].state
-        return reference if state is None else self._in_state(theta, place, state, ()).values
+        return self._there(theta, place, ()).values
 
     def in_reference(self, theta: FloatArray, place: int) -> dict[str, float]:
         """The actuator's parameters for one run as they are in the reference state of its laws."""
@@ -193,11 +195,13 @@ class Problem:
             found[unknown.base] = unknown.value(float(theta[column]))
         return found
 
-    def _in_state(self, theta: FloatArray, place: int, state: RunState, names: Sequence[str]) -> InState:
+    def _there(self, theta: FloatArray, place: int, names: Sequence[str]) -> InState:
         """The parameters of one run in its state, with derivatives by some of those of the reference state."""
-        own = self.places[place]
+        own, reference = self.places[place], self.in_reference(theta, place)
+        if own.state is None:
+            return InState(reference, tuple(names), np.eye(len(names)), np.zeros(len(names)), {})
         rates = {unknown.base: unknown.value(float(theta[column])) for column, unknown in own.ages}
-        return in_state(self.in_reference(theta, place), state, names, water=self.water(theta, place), rates=rates)
+        return in_state(reference, own.state, names, water=self.water(theta, place), rates=rates)
 
     def water(self, theta: FloatArray, place: int) -> float | None:
         """The water content at which a run has its readings; None where it is exact."""
@@ -208,15 +212,13 @@ class Problem:
 
     def _moved(self, theta: FloatArray, place: int) -> tuple[dict[str, float], Sequence[str], FloatArray]:
         """The parameters of one run [SI], those that move, and their derivatives by the entries of the vector."""
-        own = self.places[place]
+        own, reference = self.places[place], self.in_reference(theta, place)
         if own.state is None:
-            values = self.in_reference(theta, place)
             chains = np.zeros((len(theta), len(own.names)))
             for number, (column, unknown) in enumerate(own.columns):
-                chains[column, number] = unknown.chain(values[unknown.base])
-            return values, own.names, chains
-        reference = self.in_reference(theta, place)
-        there = self._in_state(theta, place, own.state, own.names)
+                chains[column, number] = unknown.chain(reference[unknown.base])
+            return reference, own.names, chains
+        there = self._there(theta, place, own.names)
         chains = np.zeros((len(theta), len(there.names)))
         for number, (column, unknown) in enumerate(own.columns):
             chains[column] = unknown.chain(reference[unknown.base]) * there.by[number]
@@ -280,12 +282,10 @@ class Problem:
         """Derivatives of the residuals with respect to fixed parameters [per SI unit]."""
         parts = []
         for record in self.records:
-            state = self.places[record.place].state
-            there = None if state is None else self._in_state(theta, record.place, state, names)
-            values = self.values(theta, record.place) if there is None else there.values
-            response = self._response(record, values, theta, names if there is None else there.names)
+            there = self._there(theta, record.place, names)
+            response = self._response(record, there.values, theta, there.names)
             for row, (output, reading) in enumerate(record.readings.items()):
-                moved = response.parameters[row] if there is None else response.parameters[row] @ there.by.T
+                moved = response.parameters[row] if record.state is None else response.parameters[row] @ there.by.T
                 columns = moved / self.noise[record.place, output]
                 if reading.has_bounds:
                     columns[self._quiet(record, output, theta, response.values[row])] = 0.0

@@ -211,11 +211,6 @@ class PreparedRun:
         return is_measured and ("offset", "current") not in self.unsettled
 
     @property
-    def zero_is_open(self) -> bool:
-        """The same, where nothing has shown it."""
-        return self.zero_is_taken and self.zero_is_unseen
-
-    @property
     def delay_is_free(self) -> bool:
         """Whether the edges have to be located."""
         return self.run.hold == "unknown" and self.known_delay is None
@@ -313,6 +308,11 @@ def rest_rows(run: Run) -> int:
     """
     moved = np.flatnonzero(np.abs(run.voltage) > 0.02 * np.max(np.abs(run.voltage), initial=0.0))
     return int(moved[0]) if len(moved) else len(run)
+
+
+def at_their_rows(records: Iterable[PreparedRun]) -> dict[int, EdgeDelay]:
+    """The edges of foreign records at their rows, by the places of these."""
+    return {record.place: record.at_its_rows for record in records if record.delay_is_free}
 
 
 def fastest_rate(records: Iterable[PreparedRun]) -> float:

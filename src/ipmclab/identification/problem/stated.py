@@ -9,6 +9,7 @@ import numpy as np
 
 from ipmclab.fit.as_fitted import is_same
 from ipmclab.model import Actuator
+from ipmclab.named_matrix import table_of
 from ipmclab.run import FloatArray
 
 _SAME: Final = 1e-9
@@ -48,7 +49,7 @@ def stated_covariance(actuator: Actuator, names: Sequence[str]) -> dict[str, dic
         own = found[places].diagonal()
         found[places] = together[places]
         found[kept, kept] = own
-    return {name: dict(zip(names, row, strict=True)) for name, row in zip(names, found.tolist(), strict=True)}
+    return table_of(names, found)
 
 
 def _of_earlier_fit(actuator: Actuator, names: Sequence[str]) -> FloatArray:

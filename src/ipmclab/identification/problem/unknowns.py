@@ -11,11 +11,18 @@ import numpy as np
 
 from ipmclab.identification.problem.edge_delay import EdgeDelay
 from ipmclab.identification.problem.free import FreeParameters, Prior
-from ipmclab.identification.problem.record import LONGEST_DELAY, PreparedRun, ending_of, places_of_mountings
+from ipmclab.identification.problem.record import (
+    LONGEST_DELAY,
+    PreparedRun,
+    at_their_rows,
+    ending_of,
+    places_of_mountings,
+)
 from ipmclab.model.declared import declaration_of, largest_proportional
 from ipmclab.model.environment.age import Age
 from ipmclab.model.parameters import Parameter
 from ipmclab.model.stages.coupling import ZERO
+from ipmclab.named_matrix import Table, matrix_of
 from ipmclab.run import FloatArray
 
 
@@ -178,24 +185,22 @@ def _of_run(
 
 def with_known(unknowns: Sequence[Unknown], priors: Mapping[str, Prior]) -> list[Unknown]:
     """The unknowns, with what is known of them beforehand."""
-    found = [u if u.base not in priors else u.known(priors[u.base].value, priors[u.base].uncertainty) for u in unknowns]
-    deviations = {u.base: (u.chain(priors[u.base].value), u.prior[1]) for u in found if u.prior is not None}
-    tied = [
-        replace(
-            u,
-            follows={
-                other: (slope * deviations[other][0] / deviations[u.base][0], deviations[other][1])
-                for other, slope in priors[u.base].follows.items()
-            },
-        )
-        if u.base in priors
-        else u
-        for u in found
-    ]
-    return [_within(u) if u.base in priors and priors[u.base].merely_uncertain else u for u in tied]
+    known = [u if u.base not in priors else u.known(priors[u.base].value, priors[u.base].uncertainty) for u in unknowns]
+    deviations = {u.base: (u.chain(priors[u.base].value), u.prior[1]) for u in known if u.prior is not None}
+    found = []
+    for unknown in known:
+        if unknown.base in priors:
+            prior, (chain, _) = priors[unknown.base], deviations[unknown.base]
+            others = ((other, slope, *deviations[other]) for other, slope in prior.follows.items())
+            unknown = replace(
+                unknown, follows={one: (slope * own / chain, deviation) for one, slope, own, deviation in others}
+            )
+            unknown = _within(unknown) if prior.merely_uncertain else unknown
+        found.append(unknown)
+    return found
 
 
-def known_together(unknowns: Sequence[Unknown], covariance: Mapping[str, Mapping[str, float]]) -> list[Unknown]:
+def known_together(unknowns: Sequence[Unknown], covariance: Table) -> list[Unknown]:
     """Unknowns of which something is known beforehand, each following those before it with which it is wrong together.
 
     Parameters
@@ -208,8 +213,7 @@ def known_together(unknowns: Sequence[Unknown], covariance: Mapping[str, Mapping
     names = [unknown.base for unknown in unknowns]
     deviations = [unknown.prior[1] if unknown.prior is not None else math.inf for unknown in unknowns]
     sizes = [math.sqrt(covariance[name][name]) for name in names]
-    together = np.array([[covariance[one][other] for other in names] for one in names]).reshape(len(names), len(names))
-    correlation = together / np.outer(sizes, sizes)
+    correlation = matrix_of(covariance, names) / np.outer(sizes, sizes)
     found: list[Unknown] = []
     for place, unknown in enumerate(unknowns):
         before = np.flatnonzero(correlation[place, :place])
@@ -334,7 +338,7 @@ def unknowns_of(
         tied = {u.name: u for u in known_together([u for u in found if u.name in free.together], free.together)}
         found = [tied.get(u.name, u) for u in found]
     found = [_of_some_size(unknown) for unknown in found]
-    found += _of_delays(records, delays or {one.place: one.at_its_rows for one in records if one.delay_is_free})
+    found += _of_delays(records, delays or at_their_rows(records))
     found += _of_states(free, records)
     found += _of_sensors(free, records)
     for place, count in (states or {}).items():

@@ -9,7 +9,6 @@ from typing import Final
 import numpy as np
 
 from ipmclab.fit.fit import DETERMINED
-from ipmclab.identification.problem.free import FreeParameters
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.problem.record import LONGEST_DELAY, fastest_rate
 from ipmclab.identification.problem.response import CircuitResponder
@@ -18,14 +17,13 @@ from ipmclab.identification.search.branch_valley import branch_valley
 from ipmclab.identification.search.descent import on_every_row, shorter
 from ipmclab.identification.search.solve import Pinned, Solution, descend
 from ipmclab.identification.search.tangent import entry_errors
-from ipmclab.identification.search.valleys import AS_GOOD, EVALUATIONS, NEAR, Place, Valley
-from ipmclab.model import Actuator
+from ipmclab.identification.search.valleys import AS_GOOD, EVALUATIONS, NEAR, WEAK, Place, Valley
 from ipmclab.model.declared import is_of_circuit
 from ipmclab.model.stages.circuit import DC, SERIES, slowest_branch
 from ipmclab.model.stages.coupling import GAIN, ZERO
 from ipmclab.model.stages.leak import SLOW_TIME
+from ipmclab.model.structure import Structure
 
-_WEAK: Final = 0.2  # standard error of a logarithm from which other valleys are looked for
 _SETTLED: Final = 1e-3  # of chi-square: a further step of the others would lower it by less
 _SHARES: Final = (0.01, 0.03, 0.07, 0.15, 0.25, 0.35, 0.45, 0.55, 0.65, 0.75, 0.85, 0.92, 0.96, 0.98, 0.995)
 """Parts of the steady current beside the other branches that the dc path is given, the slowest branch the rest."""
@@ -37,9 +35,7 @@ _ROWS: Final = tuple(np.arange(0.5 - LONGEST_DELAY, LONGEST_DELAY, 1.0).tolist()
 _SLOWER: Final = (0.2, 0.4, 0.7, 1.4, 2.5, 4.5, 8.0)  # times the time constant of a leak that hardly shows how slow
 
 
-def along_valleys(
-    actuator: Actuator, names: FreeParameters, problem: Problem, solution: Solution, walked: Valley | None = None
-) -> list[Place]:
+def along_valleys(problem: Problem, solution: Solution, walked: Valley | None = None) -> list[Place]:
     """The best fits with a weakly seen parameter held at other values.
 
     A record that is short for the slowest branch does not tell it from the leak, and one that is slow for the zero of
@@ -51,18 +47,18 @@ def along_valleys(
     errors = dict(zip((u.name for u in problem.unknowns), entry_errors(solution.evaluation), strict=True))
     found: list[Place] = []
     circuit = max((error for name, error in errors.items() if is_of_circuit(name)), default=0.0)
-    if circuit > _WEAK and not set(SERIES) & set(names.actuator):
-        resistivity, permittivity = slowest_branch(actuator.circuit.branches, values)
-        if {DC, resistivity, permittivity} <= set(names.shared):
+    if circuit > WEAK and not any(unknown.base in SERIES for unknown in problem.unknowns):
+        resistivity, permittivity = slowest_branch(Structure.of(values).branches, values)
+        if {DC, resistivity, permittivity} <= errors.keys():
             both = 1.0 / values[DC] + 1.0 / values[resistivity]
             found += held_at(problem, solution, DC, [1.0 / (share * both) for share in _SHARES])
-    if {GAIN, ZERO} <= set(names.shared) and errors[ZERO] > _WEAK:
+    if {GAIN, ZERO} <= errors.keys() and errors[ZERO] > WEAK:
         fastest = fastest_rate(problem.records)
         found += held_at(problem, solution, ZERO, [part * fastest for part in _ZEROS])
-    if errors.get(SLOW_TIME, 0.0) > _WEAK and SLOW_TIME in names.shared:
+    if errors.get(SLOW_TIME, 0.0) > WEAK:
         found += held_at(problem, solution, SLOW_TIME, [values[SLOW_TIME] * factor for factor in _SLOWER])
     edges = _unconfined_edges(problem, errors)
-    if edges is not None and any(name.startswith("coupling.") for name in names.shared):
+    if edges is not None and any(name.startswith("coupling.") for name in errors):
         found += held_at(problem, solution, edges.name, [edges.value(row) for row in _ROWS])
     if isinstance(problem.responder, CircuitResponder):
         before = [] if walked is None else walked.with_branch_held(problem, solution.theta)
@@ -73,7 +69,7 @@ def along_valleys(
 def _unconfined_edges(problem: Problem, errors: Mapping[str, float]) -> Unknown | None:
     """The delay of the record without a current of which least is known: the delays of others follow it."""
     delays = [unknown for unknown in problem.unknowns if unknown.base == "observation.delay"]
-    alone = [delay for delay in delays if "current" not in problem.record_at(int(delay.place or 0)).readings]
+    alone = [delay for delay in delays if (delay.place, "current") not in problem.readings]
     return max(alone, key=lambda delay: errors[delay.name], default=None)
 
 
@@ -88,7 +84,7 @@ def held_at(problem: Problem, solution: Solution, name: str, values: Sequence[fl
         neighbour = lowest
         for entry in side:
             pinned = Pinned(rows, held, entry)
-            settled = _SETTLED * lowest.evaluation.cost / len(lowest.evaluation.residual)
+            settled = _SETTLED * lowest.evaluation.per_residual
             best, left = pinned.follow(neighbour.theta, neighbour.evaluation, settled)
             if left > settled:
                 best = descend(pinned, best.theta, best.evaluation, evaluations=EVALUATIONS, tolerance=NEAR)
@@ -114,9 +110,8 @@ def nearest_zero(problem: Problem, solution: Solution) -> Solution:
         return solution
     (place,) = held_at(problem, solution, ZERO, [problem.base[ZERO]])
     found = place.solution
-    per_reading = solution.evaluation.cost / len(solution.evaluation.residual)
     spent = found.evaluations + solution.evaluations
-    if not found.evaluation.cost <= solution.evaluation.cost + AS_GOOD * per_reading:
+    if not found.evaluation.cost <= solution.evaluation.cost + AS_GOOD * solution.evaluation.per_residual:
         return replace(solution, evaluations=spent)
     # As good as a minimum: whether that was reached counts, not whether the walk along the valley came to its end.
     return replace(found, converged=solution.converged, message=solution.message, evaluations=spent)

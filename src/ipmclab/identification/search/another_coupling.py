@@ -10,7 +10,7 @@ from ipmclab.identification.problem.edge_delay import starts_of
 from ipmclab.identification.problem.free import FreeParameters
 from ipmclab.identification.problem.record import PreparedRun
 from ipmclab.identification.search.doubts import HALF
-from ipmclab.identification.search.starts.start import starting_points, within_bounds
+from ipmclab.identification.search.starts.start import allowed, starting_points
 from ipmclab.identification.search.starts.start_coupling import motion_series
 from ipmclab.identification.search.starts.start_in_state import in_one_state, there_alone
 from ipmclab.model import Actuator
@@ -45,7 +45,7 @@ def motion_of_another_coupling(
         return []
     fewer = names.of(set(names.actuator) - set(SERIES))
     point = next(starting_points(actuator, fewer, shown), None) if fewer.actuator else None
-    strip = actuator if point is None else actuator.replace(**within_bounds(actuator, point.values))
+    strip = actuator if point is None else actuator.replace(**allowed(actuator, point.values))
     delays = {} if point is None else starts_of(point.delays)
     explained = set()
     every = motion_series(actuator, records, delays), motion_series(actuator, records, delays, known_part=strip)

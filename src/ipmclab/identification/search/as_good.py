@@ -24,14 +24,14 @@ def allowed_places(
     problem: Problem, solution: Solution, valley: Sequence[Place], inflation: Inflation = lambda _: 1.0
 ) -> tuple[Rival, ...]:
     """The places of a valley that the readings allow, under the noise that was found."""
-    least = solution.evaluation.cost
-    variance = least / len(solution.evaluation.residual)
     found = []
     for place in valley:
         there = place.solution.evaluation
         times = inflation(there.residual - solution.evaluation.residual)
-        own = max(variance * times, 1e-300)  # what is open stays open, however well all readings are met
-        left = place.allowed - max(there.cost - least, 0.0) / own
+        own = max(
+            solution.evaluation.per_residual * times, 1e-300
+        )  # what is open stays open, however well all readings are met
+        left = place.allowed - max(there.cost - solution.evaluation.cost, 0.0) / own
         if not left < 0.0:
             # Within a place 95 % of its own, less towards the last one that is allowed.
             reach = place.errors * np.sqrt(own * min(left, SURE)) if left > 0.0 else None
@@ -51,12 +51,11 @@ def still_rivals(
 
     Where they are ends of searches of this problem (``is_searched``), one that was left there is left here too.
     """
-    per_reading = solution.evaluation.cost / len(solution.evaluation.residual)
     found = []
 
     def is_as_good(other: Evaluation) -> bool:
         times = inflation(other.residual - solution.evaluation.residual)
-        return other.cost <= solution.evaluation.cost + AS_GOOD * per_reading * times
+        return other.cost <= solution.evaluation.cost + AS_GOOD * solution.evaluation.per_residual * times
 
     for rival in rivals:
         if any(rival.reach.values()):  # it need not be as good: the readings cannot tell it from the best

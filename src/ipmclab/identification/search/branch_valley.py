@@ -24,11 +24,10 @@ from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.search.branch_times import BranchTimes
 from ipmclab.identification.search.solve import Pinned, Solution, descend, minimise
 from ipmclab.identification.search.tangent import entry_errors
-from ipmclab.identification.search.valleys import EVALUATIONS, NEAR, SURELY_SOMEWHERE, Place
+from ipmclab.identification.search.valleys import EVALUATIONS, NEAR, SURELY_SOMEWHERE, WEAK, Place
 from ipmclab.model.stages.circuit import Circuit, branch_names
 from ipmclab.run import FloatArray
 
-_WEAK: Final = 0.2  # standard error of a logarithm from which a branch may as well be elsewhere
 _FASTEST: Final = 0.3  # rows: the shortest time constant that is tried (convention)
 _SLOWEST: Final = 30.0  # records: the longest (convention)
 _STEP: Final = 0.8  # between the logarithms of neighbouring time constants
@@ -146,13 +145,13 @@ def _weakest(problem: Problem, solution: Solution, branches: int) -> tuple[int, 
     """The branch of which least is known, where that is little, and its entries."""
     names = [unknown.name for unknown in problem.unknowns]
     errors = entry_errors(solution.evaluation)
-    found: tuple[float, tuple[int, int, int]] | None = None
-    for number in range(branches if branches > 1 else 0):
-        pair = branch_names(number)
-        if not set(pair) <= set(names):
-            continue
-        places = names.index(pair[0]), names.index(pair[1])
-        error = float(max(errors[places[0]], errors[places[1]]))
-        if error > _WEAK and (found is None or error > found[0]):
-            found = error, (number, *places)
-    return None if found is None else found[1]
+    pairs = [(number, branch_names(number)) for number in range(branches if branches > 1 else 0)]
+    shared = [
+        (number, names.index(one), names.index(other)) for number, (one, other) in pairs if {one, other} <= {*names}
+    ]
+
+    def error(branch: tuple[int, int, int]) -> float:
+        return float(max(errors[branch[1]], errors[branch[2]]))
+
+    weakest = max(shared, key=error, default=None)
+    return None if weakest is None or not error(weakest) > WEAK else weakest

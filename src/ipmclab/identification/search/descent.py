@@ -9,25 +9,30 @@ from functools import partial
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from ipmclab.identification.problem.evaluation import Evaluation, Solvable
 from ipmclab.identification.problem.problem import Noise, Problem
-from ipmclab.identification.problem.response import CircuitResponder
 from ipmclab.identification.search.leaps import led_on
 from ipmclab.identification.search.settled import SETTLED, settle, settled, settled_to
-from ipmclab.identification.search.solve import LIMIT, PATIENCE, THERE, Shifted, Solution, minimise, polish
+from ipmclab.identification.search.solve import (
+    HARDLY_FALLS,
+    LIMIT,
+    PATIENCE,
+    THERE,
+    Shifted,
+    Solution,
+    minimise,
+    near_or,
+)
 from ipmclab.identification.search.tangent import STRUCTURAL, known_beforehand, with_others
 from ipmclab.identification.search.valleys import AS_GOOD, NEAR
-
-FloatArray = npt.NDArray[np.float64]
+from ipmclab.run import FloatArray
 
 LONGEST: Final = 300  # evaluations of one search
 SHORTLY: Final = 15  # of a search that is only to show whether it is worth more
 _COSTLY: Final = 1e-8  # of the cost: for thousands of readings a ten-thousandth of chi-square
 _CHEAP: Final = 1e-10  # the same where an evaluation costs next to nothing
 _THERE: Final = 1e-3  # of a standard error: a search that is so near its minimum has found it
-_HARDLY: Final = 0.1  # of chi-square, by which a search that began beside the minimum still falls
 HOPE: Final = 1.05  # times the best cost: a search above that is left
 _CORRECTED: Final = 6  # times, each of which leaves of the way what means hide of their rows: a thousandth
 _AT_FLOOR: Final = 1.3  # times the noise between neighbours
@@ -51,14 +56,13 @@ def minimum(
 
     A search that is to show by how much it falls is left where that would take too long (``solve.minimise``).
     """
-    means, patience = problem.on_means, _patience(problem)
+    means = problem.on_means
+    # A circuit alone affords to be searched to the last digit, along whatever valley.
+    tolerance, patience = (_CHEAP, None) if problem.is_circuit else (_COSTLY, PATIENCE)
+    search = partial(_searched, evaluations=evaluations, patience=patience)
     if means is None:
-        tolerance = _tolerance(problem)
-        return _searched(
-            problem, theta, here, evaluations=evaluations, tolerance=tolerance, patience=patience, fall=fall
-        )
-    near = _searched(means, theta, evaluations=evaluations, tolerance=NEAR, patience=patience, fall=fall)
-    found = on_every_row(problem, near)
+        return search(problem, theta, here, tolerance=tolerance, fall=fall)
+    found = on_every_row(problem, search(means, theta, tolerance=NEAR, fall=fall))
     if not found.converged:
         return found
     for _ in range(_CORRECTED):
@@ -66,20 +70,16 @@ def minimum(
         if left <= _THERE:
             return replace(found, converged=True, message=THERE)
         corrected = Shifted(means, correction(means.evaluate(found.theta), found.evaluation))
-        near = on_every_row(
-            problem,
-            minimise(corrected, found.theta, evaluations=evaluations, tolerance=NEAR, patience=patience),
-        )
-        near = replace(near, evaluations=near.evaluations + found.evaluations)
-        hardly = _HARDLY * found.evaluation.cost / len(found.evaluation.residual)
+        near = minimise(corrected, found.theta, evaluations=evaluations, tolerance=NEAR, patience=patience)
+        near = replace(on_every_row(problem, near), evaluations=found.evaluations + 1)
         fallen = found.evaluation.cost - near.evaluation.cost
-        if abs(fallen) <= hardly:
+        if abs(fallen) <= HARDLY_FALLS * found.evaluation.per_residual:
             # Along a valley in which the cost hardly falls there is no last step: it ends where the means have ended.
             return near if fallen > 0.0 else replace(found, evaluations=near.evaluations)
         if fallen < 0.0:
             break  # so far from a minimum means are no guide
         found = near
-    last = _searched(problem, found.theta, found.evaluation, evaluations=evaluations, tolerance=NEAR, patience=patience)
+    last = search(problem, found.theta, found.evaluation, tolerance=NEAR)
     return replace(last, evaluations=last.evaluations + found.evaluations)
 
 
@@ -112,10 +112,10 @@ def minimum_near(
     fall: float | None = None,
 ) -> Solution:
     """The same from a point that is near it, by Gauss-Newton steps where these get there."""
-    if here is None and problem.on_means is None:
-        here = problem.evaluate(theta)
-    near = polish(problem, theta, here) if here is not None else None
-    return near or minimum(problem, theta, here, evaluations=evaluations, fall=fall)
+    search = partial(minimum, problem, evaluations=evaluations, fall=fall)
+    if here is None and problem.on_means is not None:
+        return search(theta)
+    return near_or(search, problem, theta, here)
 
 
 def settled_nearest(problem: Problem, solution: Solution, reference: FloatArray) -> Solution:
@@ -174,15 +174,6 @@ def start_with_fewer(problem: Problem, smaller: Problem, solution: Solution, gon
     return replace(best, evaluations=solution.evaluations + len(found))
 
 
-def _tolerance(problem: Problem) -> float:
-    return _CHEAP if isinstance(problem.responder, CircuitResponder) else _COSTLY
-
-
-def _patience(problem: Problem) -> int | None:
-    """A circuit alone affords to be searched to the last digit, along whatever valley."""
-    return None if isinstance(problem.responder, CircuitResponder) else PATIENCE
-
-
 def to_the_end(
     tried: Sequence[tuple[Problem, Solution]], neighbours: Noise | None = None
 ) -> list[tuple[Problem, Solution]]:
@@ -217,7 +208,7 @@ def _cost(pair: tuple[Problem, Solution]) -> float:
 def _further(problem: Problem, solution: Solution, evaluations: int, best: float) -> Solution:
     """A search that was left, from where it stands; where evaluations are costly, while it may yet be as good."""
     above = solution.evaluation.cost - best * (1.0 + AS_GOOD / len(solution.evaluation.residual))
-    fall = max(above, 0.0) if _patience(problem) is not None and math.isfinite(best) else None
+    fall = max(above, 0.0) if not problem.is_circuit and math.isfinite(best) else None
     more = minimum(problem, solution.theta, evaluations=evaluations, fall=fall)
     return replace(more, evaluations=more.evaluations + solution.evaluations)
 

@@ -20,6 +20,7 @@ from ipmclab.identification.search.solve import Solution
 from ipmclab.identification.search.tangent import entry_errors
 from ipmclab.identification.search.valleys import SURE, SURELY_SOMEWHERE, Rival
 from ipmclab.model import Actuator
+from ipmclab.named_matrix import matrix_of
 from ipmclab.normal_equations import root
 from ipmclab.run import FloatArray
 
@@ -79,7 +80,7 @@ def without_doublet(
         if name.startswith(_CIRCUIT) and name not in free and value and name in known
     }
     off = _may_be_off(actuator, held)
-    variance = solution.evaluation.cost / len(solution.evaluation.residual)
+    variance = solution.evaluation.per_residual
     costs = [_loosened(of, one, list(held), off, variance) for of, one in (lowest, higher)]
     if costs[1] - costs[0] > SURELY_SOMEWHERE * variance:
         return None
@@ -92,7 +93,7 @@ def _may_be_off(actuator: Actuator, held: Mapping[str, float]) -> FloatArray:
     found = np.diag([stated.get(name) or _HELD * abs(value) for name, value in held.items()])
     uncertain = [number for number, name in enumerate(held) if stated.get(name)]
     table = stated_covariance(actuator, [name for name in held if stated.get(name)])
-    together = np.array([list(row.values()) for row in table.values()]).reshape(len(uncertain), len(uncertain))
+    together = matrix_of(table, table)
     if np.count_nonzero(together - np.diag(together.diagonal())):
         found[np.ix_(uncertain, uncertain)] = root(together)
     return found

@@ -35,39 +35,33 @@ def unexplained(problem: Problem, left_of: Callable[[tuple[int, str]], FloatArra
         What is left of an output of a run about the zero and the slope of its sensor, in units of the problem's noise.
     """
     found = []
-    for record in problem.records:
-        for output, reading in record.readings.items():
-            left, values = left_of((record.place, output)), reading.measured
-            if not len(values):
-                continue
-            if reading.has_bounds:
-                left = left[reading.exact[reading.used]]
-            about = values - values.mean()
-            residual = problem.noise[record.place, output] * math.sqrt(float(left @ left) / len(left))
-            varies = math.sqrt(float(about @ about) / len(about))
-            is_noise = len(values) >= _ENOUGH and residual <= _NOISE * reading.noise
-            if residual < HALF * varies or is_noise or varies == 0.0:
-                continue
-            channel = CHANNELS[output]
-            lines = [f"{channel.to_display(size):.3g} {channel.display_unit}" for size in (residual, varies)]
-            found.append(
-                Finding(
-                    _NOTHING,
-                    "error",
-                    f"{record.label}: the model explains {_share_explained(residual / varies)} the {output}: it "
-                    f"leaves {lines[0]} (rms) of readings that vary by {lines[1]} about their mean",
-                    "do not use this fit: look at what check says of the run, at what is fixed, and give more rows",
-                    channel=output,
-                    values={"residual": residual, "varies": varies},
-                )
+    for (place, output), reading in problem.readings.items():
+        record, left, values = problem.record_at(place), left_of((place, output)), reading.measured
+        if not len(values):
+            continue
+        if reading.has_bounds:
+            left = left[reading.exact[reading.used]]
+        about = values - values.mean()
+        residual = problem.noise[record.place, output] * math.sqrt(float(left @ left) / len(left))
+        varies = math.sqrt(float(about @ about) / len(about))
+        is_noise = len(values) >= _ENOUGH and residual <= _NOISE * reading.noise
+        if residual < HALF * varies or is_noise or varies == 0.0:
+            continue
+        lines = [CHANNELS[output].text(size, digits=3) for size in (residual, varies)]
+        percent = math.floor(100.0 * (1.0 - (residual / varies) ** 2))
+        share = f"only {percent} % of the variance of" if percent > 0 else "nothing of"
+        found.append(
+            Finding(
+                _NOTHING,
+                "error",
+                f"{record.label}: the model explains {share} the {output}: it "
+                f"leaves {lines[0]} (rms) of readings that vary by {lines[1]} about their mean",
+                "do not use this fit: look at what check says of the run, at what is fixed, and give more rows",
+                channel=output,
+                values={"residual": residual, "varies": varies},
             )
+        )
     return found
-
-
-def _share_explained(left: float) -> str:
-    """How much is explained where this share of the rms is left."""
-    percent = math.floor(100.0 * (1.0 - left**2))
-    return f"only {percent} % of the variance of" if percent > 0 else "nothing of"
 
 
 def largest_current(record: PreparedRun, added: FloatArray) -> tuple[float, float]:

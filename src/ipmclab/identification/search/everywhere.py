@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.search.descent import SHORTLY, minimum, minimum_from, to_the_end, weigh
 from ipmclab.identification.search.solve import Solution
-from ipmclab.identification.search.starts.usual import usual_coupling
 from ipmclab.identification.search.valleys import Rival
+from ipmclab.model.declared import MOTION, declaration_of, in_group
+from ipmclab.model.stages.coupling import GAIN
+from ipmclab.run import FloatArray
 
 
 class Everywhere:
@@ -48,5 +52,29 @@ class Everywhere:
 
     def _starts(self, problem: Problem, near: Solution) -> list[Rival]:
         """The ends, and where a search from a usual strip would begin, where there may be several minima."""
-        theta = usual_coupling(problem, near.theta) if self._ends else None
+        theta = _usual_coupling(problem, near.theta) if self._ends else None
         return list(self._ends) if theta is None else [*self._ends, Rival.of(problem, theta)]
+
+
+def _usual_coupling(problem: Problem, near: FloatArray) -> FloatArray | None:
+    """The coupling of a usual strip, with the gain that these readings ask for; None where no coupling is free.
+
+    ``near`` gives all else.
+    """
+    of_coupling = [place for place, one in enumerate(problem.unknowns) if in_group(MOTION, [one.base])]
+    if not of_coupling:
+        return None
+    theta, gain = near.copy(), None
+    for place in of_coupling:
+        unknown = problem.unknowns[place]
+        declared = declaration_of(unknown.base)
+        if declared is not None and declared.usual is not None:
+            theta[place] = unknown.entry(unknown.inside(declared.usual))
+            gain = place if unknown.base == GAIN else gain
+    if gain is not None:
+        here = problem.evaluate(theta)
+        # Motion is in proportion to the gain: its derivative by the logarithm is the motion itself.
+        motion = here.jacobian[:, gain]
+        factor = float(motion @ (motion - here.residual)) / max(float(motion @ motion), 1e-300)
+        theta[gain] += np.log(factor) if factor > 0.0 else 0.0
+    return theta

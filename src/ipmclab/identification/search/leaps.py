@@ -7,14 +7,12 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from ipmclab.identification.problem.evaluation import Solvable
 from ipmclab.identification.search.solve import HARDLY_FALLS, Pinned, Solution, descend, farthest
 from ipmclab.identification.search.tangent import with_others
 from ipmclab.identification.search.valleys import EVALUATIONS, NEAR
-
-FloatArray = npt.NDArray[np.float64]
+from ipmclab.run import FloatArray
 
 _LONGER: Final = 2.0  # times a leap that went down (convention)
 _SHORTER: Final = 0.25  # times one that did not (convention)
@@ -60,6 +58,6 @@ def led_on(problem: Solvable, begun: FloatArray, found: Solution) -> Solution:
         leap = math.copysign(min(abs(leap), float(reach[place])), leap)
         if fallen > 0.0:
             lowest = pinned.in_full(others)
-        if abs(fallen) < HARDLY_FALLS * lowest.evaluation.cost / len(lowest.evaluation.residual):
+        if abs(fallen) < HARDLY_FALLS * lowest.evaluation.per_residual:
             break
     return replace(lowest, converged=False, message=found.message, evaluations=spent)

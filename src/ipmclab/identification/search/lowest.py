@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from ipmclab.errors import InputError
 from ipmclab.identification.problem.free import FreeParameters
 from ipmclab.identification.problem.problem import Noise, Problem
-from ipmclab.identification.problem.record import PreparedRun
-from ipmclab.identification.problem.response import CircuitResponder
+from ipmclab.identification.problem.record import PreparedRun, at_their_rows
 from ipmclab.identification.search.along import along_valleys
 from ipmclab.identification.search.as_good import allowed_places
 from ipmclab.identification.search.descent import LONGEST, SHORTLY, at_floor, minimum, minimum_near, to_the_end, weigh
@@ -23,27 +21,25 @@ from ipmclab.identification.search.edges import between_other_rows
 from ipmclab.identification.search.pose import entries_at, is_size_of_leak, problem_at, without_leak
 from ipmclab.identification.search.solve import Solution
 from ipmclab.identification.search.starts.start import StartingPoint, known_first, starting_points
-from ipmclab.identification.search.starts.start_in_state import in_one_state, moved_back, nowhere, there_alone
+from ipmclab.identification.search.starts.start_in_state import in_one_state, moved_back, there_alone
 from ipmclab.identification.search.valleys import AS_GOOD, Minima, Place, Rival, Valley
 from ipmclab.model import Actuator
 from ipmclab.model.declared import electrical, has_several_minima, is_of_leak
 from ipmclab.model.geometry import DIMENSIONS
-from ipmclab.model.parameters import Parameter
 from ipmclab.model.stages.circuit import SERIES
 from ipmclab.progress import stage
-
-FloatArray = npt.NDArray[np.float64]
+from ipmclab.run import FloatArray
 
 _TOO_SMALL: Final = 1e-3
 """Of the size of a leak that the readings suggest: it adds nothing to a circuit that was found without it."""
 
 
 def find_minima(
-    actuator: Actuator, parameters: Mapping[str, Parameter], names: FreeParameters, records: Sequence[PreparedRun]
+    actuator: Actuator, names: FreeParameters, records: Sequence[PreparedRun]
 ) -> tuple[Problem, Solution, Minima]:
     """The best minimum, and the others."""
     stage("finding where to start from the readings alone", 0.05, 0.2, 300)
-    points = _points(actuator, parameters, names, records)
+    points = _points(actuator, names, records)
     if not points:
         raise InputError(
             "these records do not show where a search could start: their readings do not answer to the voltage",
@@ -51,36 +47,28 @@ def find_minima(
             where="runs",
             repair="record longer, with steps that the readings answer to",
         )
-    return _search(actuator, parameters, names, records, points)
+    return _search(actuator, names, records, points)
 
 
-def _points(
-    actuator: Actuator, parameters: Mapping[str, Parameter], names: FreeParameters, records: Sequence[PreparedRun]
-) -> list[StartingPoint]:
+def _points(actuator: Actuator, names: FreeParameters, records: Sequence[PreparedRun]) -> list[StartingPoint]:
     """Where to start; of runs in several states from those of one of them, the laws as the literature has them."""
     alike = in_one_state(records)
     if alike is None:
-        return known_first(actuator, names, records, _circuit_first(actuator, parameters, names, records))
+        return known_first(actuator, names, records, _circuit_first(actuator, names, records))
     strip, fewer = there_alone(actuator, names, alike)
-    circuit = _circuit_first(strip, strip.parameters(), fewer, alike)
-    points = known_first(strip, fewer, alike, circuit) if fewer.actuator else [nowhere(records)]
+    circuit = _circuit_first(strip, fewer, alike)
+    nowhere = StartingPoint({}, at_their_rows(records))
+    points = known_first(strip, fewer, alike, circuit) if fewer.actuator else [nowhere]
     return [moved_back(actuator, names, point, alike, records) for point in points]
 
 
 def _search(
-    actuator: Actuator,
-    parameters: Mapping[str, Parameter],
-    names: FreeParameters,
-    records: Sequence[PreparedRun],
-    points: Sequence[StartingPoint],
+    actuator: Actuator, names: FreeParameters, records: Sequence[PreparedRun], points: Sequence[StartingPoint]
 ) -> tuple[Problem, Solution, Minima]:
     """The best minimum from some starts, and the others."""
-    noise = _noise_of(records)
-    posed = []
-    for point in points:
-        problem = problem_at(actuator, parameters, names, records, point, noise)
-        posed.append((problem, entries_at(problem, point)))
-    smaller = _from_without_leak(actuator, names, posed)
+    posed = _posed(actuator, names, records, points)
+    noise = posed[0][0].noise
+    smaller = _from_without_leak(posed)
     if smaller is not None:
         posed.append(smaller)
     weights = _left_by_starts(posed)
@@ -90,7 +78,8 @@ def _search(
     shortly = SHORTLY if explore and len(posed) > 1 else LONGEST
     finds = [minimum_near if point.exact else minimum for point in points] + [minimum] * (len(posed) - len(points))
     for number, (find, (problem, theta)) in enumerate(zip(finds, posed, strict=True)):
-        stage(f"searching from start {number + 1} of {len(posed)}", *_share(0.2, 0.4, number, len(posed)))
+        begin, end = (0.2 + 0.2 * part / len(posed) for part in (number, number + 1))
+        stage(f"searching from start {number + 1} of {len(posed)}", begin, end)
         problem = problem.with_noise(weights)
         solution = find(problem, theta, evaluations=shortly)
         tried.append((problem, solution))
@@ -104,17 +93,16 @@ def _search(
     stage("looking for other fits that are as good", 0.4, 0.5, 300)
     # A valley is walked under the weights of the fit, to be the same one when its places are asked again.
     weighed, best = weigh(problem, solution)
-    valley = along_valleys(actuator, names, weighed, best)
+    valley = along_valleys(weighed, best)
     lowest = _lowest_of(weighed, best, valley)
     if lowest is not best:
         walked = Valley(weighed, best, tuple(valley))
         weighed, best = weigh(weighed, lowest)
-        valley = along_valleys(actuator, names, weighed, best, walked)
+        valley = along_valleys(weighed, best, walked)
         solution = replace(best, evaluation=problem.evaluate(best.theta))
     spent = [*(other for _, other in tried if other is not found[0]), *(place.solution for place in valley), best]
     best = replace(best, evaluations=sum(other.evaluations for other in spent))
-    per_reading = solution.evaluation.cost / len(solution.evaluation.residual)
-    allowed = solution.evaluation.cost + AS_GOOD * per_reading
+    allowed = solution.evaluation.cost + AS_GOOD * solution.evaluation.per_residual
     rivals = [
         Rival.of(of, other.theta)
         for of, other in tried
@@ -129,6 +117,15 @@ def _search(
     return weighed, best, Minima(tuple(rivals), allowed_places(weighed, best, valley), tuple(ends), walked)
 
 
+def _posed(
+    actuator: Actuator, names: FreeParameters, records: Sequence[PreparedRun], points: Sequence[StartingPoint]
+) -> list[tuple[Problem, FloatArray]]:
+    """The problem and the vector of each start."""
+    noise = {(one.place, output): reading.noise for one in records for output, reading in one.readings.items()}
+    problems = [problem_at(actuator, names, records, point, noise) for point in points]
+    return [(problem, entries_at(problem, point)) for problem, point in zip(problems, points, strict=True)]
+
+
 def _lowest_of(problem: Problem, solution: Solution, valley: Sequence[Place]) -> Solution:
     """A minimum, or the lower one that lies along its valleys."""
     lowest = min((place.solution for place in valley), key=lambda other: other.evaluation.cost, default=solution)
@@ -136,9 +133,7 @@ def _lowest_of(problem: Problem, solution: Solution, valley: Sequence[Place]) ->
     return minimum(problem, lowest.theta) if is_lower else solution
 
 
-def _from_without_leak(
-    actuator: Actuator, names: FreeParameters, posed: Sequence[tuple[Problem, FloatArray]]
-) -> tuple[Problem, FloatArray] | None:
+def _from_without_leak(posed: Sequence[tuple[Problem, FloatArray]]) -> tuple[Problem, FloatArray] | None:
     """Where a circuit stands without its leak, and the leak beside it too small to show.
 
     A leak stops no circuit from following the readings as it does without one. Poles and residues find that at once,
@@ -150,13 +145,13 @@ def _from_without_leak(
     if not sizes:
         return None
     off = {unknown.base: 0.0 for unknown in sizes.values()}
-    circuit = without_leak(actuator, problem.without(leaking, off))
-    if not isinstance(circuit.responder, CircuitResponder):
+    circuit = without_leak(problem.without(leaking, off))
+    if not circuit.is_circuit:
         return None
     starts = [(theta, minimum(circuit, np.delete(theta, leaking), evaluations=SHORTLY)) for _, theta in posed]
     start, solution = min(starts, key=lambda pair: pair[1].evaluation.cost)
     solution = minimum(circuit, solution.theta)
-    solution = _lowest_of(circuit, solution, along_valleys(actuator, names, circuit, solution))
+    solution = _lowest_of(circuit, solution, along_valleys(circuit, solution))
     whole = start.copy()
     whole[np.delete(np.arange(len(start)), leaking)] = solution.theta
     for place, unknown in sizes.items():
@@ -188,9 +183,7 @@ def _left_by_starts(posed: Sequence[tuple[Problem, FloatArray]]) -> Noise:
     return {key: one * max(times[key[1]], 1.0) if np.isfinite(times[key[1]]) else one for key, one in noise.items()}
 
 
-def _circuit_first(
-    actuator: Actuator, parameters: Mapping[str, Parameter], names: FreeParameters, records: Sequence[PreparedRun]
-) -> StartingPoint | None:
+def _circuit_first(actuator: Actuator, names: FreeParameters, records: Sequence[PreparedRun]) -> StartingPoint | None:
     """The circuit and its leak from the current alone, where that is costly and the motion is asked for too.
 
     None where poles and residues find the circuit at once, or where the current does not determine it.
@@ -204,28 +197,10 @@ def _circuit_first(
     own = [f"observation.{what}.current" for what in ("offset", "drift")]
     observed = tuple(name for name in names.observation if name in own)
     fewer = replace(names.of(own_electrical), observation=observed, priors={}, together={}, age=())
-    noise = {(record.place, "current"): max(record.readings["current"].noise, 1e-300) for record in with_current}
     points = list(starting_points(actuator, fewer, with_current))
-    tried = []
-    for point in points:
-        problem = problem_at(actuator, parameters, fewer, with_current, point, noise)
-        tried.append((problem, minimum(problem, entries_at(problem, point), evaluations=SHORTLY)))
-    if not tried:
+    posed = _posed(actuator, fewer, with_current, points)
+    if not posed:
         return None
-    problem, solution = to_the_end(tried)[0]
+    problem, solution = to_the_end([(one, minimum(one, theta, evaluations=SHORTLY)) for one, theta in posed])[0]
     found = problem.values(solution.theta, with_current[0].place)
     return StartingPoint({name: found[name] for name in own_electrical}, points[0].delays)
-
-
-def _noise_of(records: Sequence[PreparedRun]) -> dict[tuple[int, str], float]:
-    return {
-        (record.place, output): max(reading.noise, 1e-300)
-        for record in records
-        for output, reading in record.readings.items()
-    }
-
-
-def _share(begin: float, end: float, number: int, count: int) -> tuple[float, float]:
-    """Where one of several equal parts of a stage begins and ends."""
-    step = (end - begin) / count
-    return begin + number * step, begin + (number + 1) * step

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,24 +10,19 @@ import numpy.typing as npt
 
 from ipmclab.errors import InputError
 from ipmclab.identification.problem.free import FreeParameters
-from ipmclab.identification.problem.problem import Problem
+from ipmclab.identification.problem.problem import Noise, Problem
 from ipmclab.identification.problem.record import PreparedRun
 from ipmclab.identification.problem.response import ActuatorResponder, CircuitResponder
 from ipmclab.identification.problem.unknowns import SITES, unknowns_of
-from ipmclab.identification.search.starts.start import StartingPoint
+from ipmclab.identification.search.starts.start import StartingPoint, allowed
 from ipmclab.model import Actuator
 from ipmclab.model.kinds import kind_of
-from ipmclab.model.parameters import Parameter
+from ipmclab.model.structure import Structure
 from ipmclab.run import FloatArray
 
 
 def problem_at(
-    actuator: Actuator,
-    parameters: Mapping[str, Parameter],
-    names: FreeParameters,
-    records: Sequence[PreparedRun],
-    point: StartingPoint,
-    noise: Mapping[tuple[int, str], float],
+    actuator: Actuator, names: FreeParameters, records: Sequence[PreparedRun], point: StartingPoint, noise: Noise
 ) -> Problem:
     """The least-squares problem of a fit, with what a starting point knows of its delays."""
     responder: CircuitResponder | ActuatorResponder
@@ -35,18 +30,17 @@ def problem_at(
         responder = CircuitResponder(actuator.circuit.branches)
     else:
         responder = ActuatorResponder(actuator)
-        inside = {n: min(max(one, parameters[n].lower), parameters[n].upper) for n, one in point.values.items()}
-        near = {**actuator.parameter_values, **inside}
+        near = {**actuator.parameter_values, **allowed(actuator, point.values)}
         for record in records:
             if record.start == "free":
                 responder.prepare(record, near)
     states = {record.place: responder.amplitudes(record) for record in records if record.start == "free"}
-    unknowns = unknowns_of(names, parameters, records, states=states, delays=point.delays)
+    unknowns = unknowns_of(names, actuator.parameters(), records, states=states, delays=point.delays)
     need_as_many_readings(len(unknowns), records)
     return Problem(actuator.parameter_values, records, unknowns, responder, noise)
 
 
-def without_leak(actuator: Actuator, problem: Problem) -> Problem:
+def without_leak(problem: Problem) -> Problem:
     """The problem of a circuit alone where every leak of it is switched off: poles and residues answer at once.
 
     The problem itself where some leak is left, where more than the current is read, and where a run does not start from
@@ -60,9 +54,10 @@ def without_leak(actuator: Actuator, problem: Problem) -> Problem:
                 return problem
             leaks += 1
     only_current = all(set(one.readings) == {"current"} and one.start != "free" for one in problem.records)
-    if not leaks or not only_current or not replace(actuator.structure, leak="").is_lumped:
+    structure = Structure.of(problem.base)
+    if not leaks or not only_current or not replace(structure, leak="").is_lumped:
         return problem
-    responder = CircuitResponder(actuator.circuit.branches)
+    responder = CircuitResponder(structure.branches)
     return Problem(problem.base, problem.records, problem.unknowns, responder, problem.noise)
 
 

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from ipmclab.identification.problem.evaluation import Evaluation, Searched, Solvable
 from ipmclab.identification.search.projected import Projected
 from ipmclab.identification.search.tangent import UNFELT, gauss_newton, with_others
-
-FloatArray = npt.NDArray[np.float64]
+from ipmclab.run import FloatArray
 
 NEGLIGIBLE: Final = 1e-6
 """A decrease of the cost that moves no parameter by a thousandth of its standard error."""
@@ -212,17 +212,23 @@ def descend(
     *,
     evaluations: int = 300,
     tolerance: float = 1e-10,
-    patience: int | None = None,
-    fall: float | None = None,
 ) -> Solution:
     """The minimum by Gauss-Newton steps where these get there, else by ``minimise``, from a point that may be known."""
+    return near_or(partial(minimise, problem, evaluations=evaluations, tolerance=tolerance), problem, theta, here)
+
+
+def near_or(
+    search: Callable[[FloatArray, Evaluation | None], Solution],
+    problem: Solvable,
+    theta: FloatArray,
+    here: Evaluation | None,
+) -> Solution:
+    """The same, else by any search: what the steps have asked of the point it need not ask again."""
     spent = 0
     if here is None and _is_inside(problem, theta):
         here, spent = problem.evaluate(theta), 1
     near = polish(problem, theta, here)
-    if near is not None:
-        return replace(near, evaluations=near.evaluations + spent)
-    return minimise(problem, theta, here, evaluations=evaluations, tolerance=tolerance, patience=patience, fall=fall)
+    return search(theta, here) if near is None else replace(near, evaluations=near.evaluations + spent)
 
 
 def minimise(
@@ -260,31 +266,22 @@ def minimise(
     # A wide range is no reason to start far from its end.
     margin = np.minimum(np.where(finite, 1e-6 * np.where(finite, problem.upper - problem.lower, 0.0), 0.0), 1e-4)
     inside = np.clip(theta, problem.lower + margin, problem.upper - margin)
-    limits = _Limits(evaluations, tolerance, patience, fall)
+    fallen = _Fallen(evaluations, patience, fall)
     if not problem.linear.any():
-        return _trust_region(problem, inside, here if np.array_equal(inside, theta) else None, limits)
+        return _trust_region(problem, inside, here if np.array_equal(inside, theta) else None, tolerance, fallen)
     others = Projected(problem, inside)
-    found = _trust_region(others, inside[~problem.linear], None, limits)
+    found = _trust_region(others, inside[~problem.linear], None, tolerance, fallen)
     point, last = others.in_full(found.theta)
     return replace(found, theta=point, evaluation=last, evaluations=others.evaluations)
 
 
-@dataclass(frozen=True)
-class _Limits:
-    """When a search ends, as ``minimise`` is asked."""
-
-    evaluations: int
-    tolerance: float
-    patience: int | None
-    fall: float | None
-
-
-def _trust_region(problem: Searched, inside: FloatArray, here: Evaluation | None, limits: _Limits) -> Solution:
+def _trust_region(
+    problem: Searched, inside: FloatArray, here: Evaluation | None, tolerance: float, fallen: _Fallen
+) -> Solution:
     """SciPy's TRF from a point inside the bounds."""
     from scipy.optimize import least_squares
 
     kept: dict[bytes, Evaluation] = {} if here is None else {inside.tobytes(): here}
-    fallen = _Fallen(limits)
 
     def at(point: FloatArray) -> Evaluation:
         key = point.tobytes()
@@ -294,7 +291,9 @@ def _trust_region(problem: Searched, inside: FloatArray, here: Evaluation | None
             fallen.to(point, kept[key])
         return kept[key]
 
-    sensitive = _sensitive(at(inside).jacobian)
+    # A search that steps in units of an unknown that changes no digit of the cost would leave all numbers.
+    sizes = np.abs(at(inside).jacobian).max(axis=0, initial=0.0)
+    sensitive = sizes > UNFELT * sizes.max(initial=0.0)
 
     def whole(part: FloatArray) -> FloatArray:
         point = inside.copy()
@@ -311,34 +310,32 @@ def _trust_region(problem: Searched, inside: FloatArray, here: Evaluation | None
             jac=lambda part: at(whole(part)).triangle[:, :-1][:, sensitive],
             bounds=(problem.lower[sensitive], problem.upper[sensitive]),
             x_scale="jac",
-            ftol=limits.tolerance,
-            xtol=limits.tolerance,
-            gtol=limits.tolerance,
-            max_nfev=limits.evaluations,
+            ftol=tolerance,
+            xtol=tolerance,
+            gtol=tolerance,
+            max_nfev=fallen.evaluations,
         )
-    except _HardlyFalls:
-        return Solution(*fallen.lowest, True, _REASONS[2], len(fallen.costs))
-    except _TooSlow:
-        return Solution(*fallen.lowest, False, _TOO_SLOW, len(fallen.costs))
+    except _Left as left:
+        return Solution(*fallen.lowest, left.converged, left.message, len(fallen.costs))
     point = whole(found.x)
     last = kept.get(point.tobytes()) or problem.evaluate(point)
     return Solution(point, last, found.status > 0, _REASONS[found.status], int(found.nfev))
 
 
-class _HardlyFalls(Exception):
-    """A search goes along a valley whose floor falls by less than the readings can tell: it has no last step."""
+@dataclass(eq=False)
+class _Left(Exception):
+    """A search that is left: at a minimum, for a valley whose floor hardly falls has no last step, or far from one."""
 
-
-class _TooSlow(Exception):
-    """A search falls so slowly that it would not get where another one is."""
+    converged: bool
+    message: str
 
 
 class _Fallen:
     """How far the cost has fallen in a search, evaluation by evaluation, and where it was lowest."""
 
-    def __init__(self, limits: _Limits) -> None:
+    def __init__(self, evaluations: int, patience: int | None, fall: float | None) -> None:
+        self.evaluations, self._patience, self._fall = evaluations, patience, fall
         self.costs: list[float] = []
-        self._limits = limits
         self.lowest: tuple[FloatArray, Evaluation]
 
     def to(self, point: FloatArray, here: Evaluation) -> None:
@@ -347,18 +344,11 @@ class _Fallen:
             self.lowest = point.copy(), here
         cost = self.lowest[1].cost
         self.costs.append(cost)
-        limits = self._limits
-        if limits.fall is not None and len(self.costs) > _LATELY:
+        if self._fall is not None and len(self.costs) > _LATELY:
             rate = (self.costs[-1 - _LATELY] - cost) / _LATELY
-            if cost - rate * (limits.evaluations - len(self.costs)) > self.costs[0] - limits.fall:
-                raise _TooSlow
-        if limits.patience is None or len(self.costs) <= limits.patience:
+            if cost - rate * (self.evaluations - len(self.costs)) > self.costs[0] - self._fall:
+                raise _Left(False, _TOO_SLOW)
+        if self._patience is None or len(self.costs) <= self._patience:
             return
-        if self.costs[-1 - limits.patience] - cost < HARDLY_FALLS * cost / max(len(here.residual), 1):
-            raise _HardlyFalls
-
-
-def _sensitive(jacobian: FloatArray) -> npt.NDArray[np.bool_]:
-    """Which unknowns change a digit of the cost: a search that steps in units of another would leave all numbers."""
-    sizes = np.abs(jacobian).max(axis=0, initial=0.0)
-    return np.asarray(sizes > UNFELT * sizes.max(initial=0.0))
+        if self.costs[-1 - self._patience] - cost < HARDLY_FALLS * self.lowest[1].per_residual:
+            raise _Left(True, _REASONS[2])

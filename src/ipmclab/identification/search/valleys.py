@@ -8,10 +8,10 @@ from typing import Final
 
 import numpy as np
 
-from ipmclab.identification.problem.order import Order, exchangeable
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.problem.unknowns import Unknown
 from ipmclab.identification.search.solve import Solution
+from ipmclab.model.order import Order, exchangeable
 from ipmclab.run import FloatArray
 
 AS_GOOD: Final = 4.0
@@ -23,6 +23,9 @@ SURE: Final = 3.84
 SURELY_SOMEWHERE: Final = 7.88
 """The same for a branch that may not show at all. Then it stands where noise looks most like one, of about ten places
 between a row and a record that know nothing of each other: the excess that 99.5 % stay below at each."""
+
+WEAK: Final = 0.2
+"""Standard error of a logarithm from which a parameter may as well be elsewhere."""
 
 EVALUATIONS: Final = 25
 """Runs of the model that the search at one place of a valley may take."""

@@ -22,8 +22,8 @@ from ipmclab.identification.search.searched_run import SearchedRun, side_by_side
 from ipmclab.model.numerics.drive import complex_responses, responses
 from ipmclab.normal_equations import damped_step, pseudo_inverse
 from ipmclab.progress import tick
+from ipmclab.run import FloatArray
 
-FloatArray = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]
 
 _BRIEFLY: Final = 3  # steps of each set with a pair: a start, of which the rest is the fit's own search
@@ -222,14 +222,9 @@ def _different(fits: Iterable[PoleFit]) -> list[PoleFit]:
     """The lowest first, none with the poles of one before."""
     kept: list[PoleFit] = []
     for fit in sorted(fits, key=lambda fit: fit.cost):
-        if all(_apart(fit, other) > _EQUAL for other in kept):
+        if all(np.abs(_position(fit) - _position(other)).max() > _EQUAL for other in kept):
             kept.append(fit)
     return kept
-
-
-def _apart(one: PoleFit, other: PoleFit) -> float:
-    """How far the poles of two fits lie apart at most, in logarithms."""
-    return float(np.abs(_position(one) - _position(other)).max())
 
 
 def _descend(table: _Table, position: FloatArray, steps: int = _AT_LENGTH) -> PoleFit:

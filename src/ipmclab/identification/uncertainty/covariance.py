@@ -18,6 +18,7 @@ from ipmclab.identification.noise.weighted_covariance import covariance_of_weigh
 from ipmclab.identification.problem.evaluation import Evaluation
 from ipmclab.identification.search.tangent import rank_threshold
 from ipmclab.identification.uncertainty.unshown_zero import hidden_zeros
+from ipmclab.named_matrix import Table, matrix_of, table_of
 from ipmclab.normal_equations import root
 from ipmclab.run import FloatArray
 from ipmclab.statespace.long_run import long_run
@@ -84,7 +85,7 @@ def is_coloured(residual: FloatArray) -> bool:
     return len(residual) > 0 and of_neighbours(residual - np.mean(residual)) < REJECT
 
 
-def uncertainty(correlated: Correlated, fixed: Mapping[str, Mapping[str, float]], exact: Sequence[str]) -> Uncertainty:
+def uncertainty(correlated: Correlated, fixed: Table, exact: Sequence[str]) -> Uncertainty:
     """Covariance, rank and leverage at a solution.
 
     The solution is that of least squares, with the pseudo-inverse A of its Jacobian; the readings have noise of
@@ -110,7 +111,10 @@ def uncertainty(correlated: Correlated, fixed: Mapping[str, Mapping[str, float]]
         nothing = np.zeros((0, 0))
         none = dict.fromkeys((*fixed, *exact), np.zeros(0))
         return Uncertainty(nothing, np.zeros(0), nothing, nothing, np.zeros(0), none, (), np.zeros(0), slopes=none)
-    singular, directions = _of_the_asked(evaluation, nuisance)
+    # Of the Jacobian of the unknowns that are asked for, the others averaged out.
+    singular, directions = evaluation.spectrum
+    if nuisance.any():
+        _, singular, directions = np.linalg.svd(left_of_the_asked(evaluation, nuisance))
     asked = len(directions)
     determined = singular > rank_threshold(evaluation, singular[0]) if singular[0] > 0 else np.zeros(asked, dtype=bool)
     inverse = directions[determined].T / singular[determined]
@@ -163,9 +167,8 @@ def uncertainty(correlated: Correlated, fixed: Mapping[str, Mapping[str, float]]
             slopes[name], value = answer[:, column], problem.base[name]
             uncertain = math.sqrt(fixed[name][name]) if name in fixed else 0.0
             leverage[name] = slopes[name] * (0.01 * abs(value) if value else uncertain)
-        together = np.array([[row[other] for other in fixed] for row in fixed.values()])
         passed_on = answer[:, : len(fixed)]
-        covariance = covariance + passed_on @ together.reshape(len(fixed), len(fixed)) @ passed_on.T
+        covariance = covariance + passed_on @ matrix_of(fixed, fixed) @ passed_on.T
     zero = frozenset(name for name in names if problem.base[name] == 0.0)
     return Uncertainty(
         covariance,
@@ -187,17 +190,44 @@ def _even(residual: FloatArray, growing: Growth | None) -> FloatArray:
     return residual if growing is None else np.asarray(residual / np.sqrt(growing.variance))
 
 
-def _of_the_asked(evaluation: Evaluation, nuisance: npt.NDArray[np.bool_]) -> tuple[FloatArray, FloatArray]:
-    """Singular values and directions of the Jacobian of the asked unknowns, the others averaged out."""
-    if not nuisance.any():
-        return evaluation.spectrum
-    _, singular, directions = np.linalg.svd(left_of_the_asked(evaluation, nuisance))
-    return singular, directions
-
-
 def left_of_the_asked(evaluation: Evaluation, nuisance: npt.NDArray[np.bool_]) -> FloatArray:
     """A triangle of the Jacobian of the asked unknowns, the others averaged out."""
     order = np.concatenate([np.flatnonzero(nuisance), np.flatnonzero(~nuisance)])
     first = int(np.count_nonzero(nuisance))
     # With the others in front, the lower right block is what is left of the asked ones.
     return np.asarray(np.linalg.qr(evaluation.triangle[:, order], mode="r"))[first:, first:]
+
+
+def covariance_table(
+    names: Sequence[str],
+    entries: FloatArray,
+    chains: Sequence[float],
+    slopes: Mapping[str, FloatArray],
+    stated: Table,
+) -> dict[str, dict[str, float]]:
+    """Covariance [SI] of what was fitted and of what was held at a stated uncertainty, which moves with it.
+
+    Parameters
+    ----------
+    names : sequence of str
+        What was fitted.
+    entries : float array, shape (n, n)
+        Covariance of their entries in the vector of the fit.
+    chains : sequence of float
+        Derivative of each value by its entry.
+    slopes : mapping of name to float array, shape (n,)
+        Derivative of each entry by a held parameter [1/SI].
+    stated : mapping of name to mapping of name to float [SI]
+        Covariance of the held parameters.
+    """
+    every = [*names, *stated]
+    count = len(names)
+    scaled = np.zeros((len(every), len(every)))
+    scaled[:count, :count] = entries * np.outer(chains, chains)
+    if stated:
+        held = matrix_of(stated, stated)
+        moved = np.array([slopes[name] for name in stated]) * chains
+        scaled[count:, count:] = held
+        scaled[count:, :count] = held @ moved
+        scaled[:count, count:] = scaled[count:, :count].T
+    return table_of(every, scaled)

@@ -13,7 +13,6 @@ from ipmclab.confidence import NORMAL_95
 from ipmclab.fit.fit import DETERMINED
 from ipmclab.identification.noise.correlate import Correlated
 from ipmclab.identification.problem.problem import Problem
-from ipmclab.identification.problem.response import CircuitResponder
 from ipmclab.identification.problem.unknowns import Unknown
 from ipmclab.identification.search.descent import shorter
 from ipmclab.identification.search.solve import AT_BOUND
@@ -134,7 +133,7 @@ def _hopeless(problem: Problem) -> float:
     answer. What a strip shows whatever its parameters are (d(0), a stiffness, a resonance) is a product of powers of
     these: its error needs no profile. What is known beforehand ends every profile.
     """
-    is_cheap = isinstance(problem.responder, CircuitResponder)
+    is_cheap = problem.is_circuit
     return math.inf if is_cheap or any(unknown.beforehand is not None for unknown in problem.unknowns) else _COSTLY
 
 

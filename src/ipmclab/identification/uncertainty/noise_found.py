@@ -100,7 +100,7 @@ def drift_findings(problem: Problem, observations: Sequence[Observation]) -> lis
     findings = []
     for record, observation in zip(problem.records, observations, strict=True):
         for output, drift in observation.drift.items():
-            reading, channel = record.readings.get(output), CHANNELS[output]
+            reading = record.readings.get(output)
             if reading is None or not drift:
                 continue
             time = record.times_of(output)
@@ -109,8 +109,8 @@ def drift_findings(problem: Problem, observations: Sequence[Observation]) -> lis
                 Finding(
                     "sensor-drift",
                     "warning" if abs(moved) > _NOTICED * observation.span[output] else "info",
-                    f"{record.label}: the sensor of the {output} is taken to drift by {channel.to_display(moved):.2g} "
-                    f"{channel.display_unit} over the record, which no prediction holds; creep looks the same",
+                    f"{record.label}: the sensor of the {output} is taken to drift by {CHANNELS[output].text(moved)} "
+                    "over the record, which no prediction holds; creep looks the same",
                     "record half a minute at 0 V before the voltage: these rows show whether the sensor drifts; where "
                     "the strip itself creeps, give the actuator the stage that what is left asks for",
                     channel=output,
@@ -125,13 +125,12 @@ def _model_error(correlated: Correlated, key: Key) -> tuple[float, float] | None
     if key not in correlated.shapes or correlated.is_weighted:
         return None
     sizes = at_rest_and_driven(correlated, key)
-    scatter = correlated.problem.record_at(key[0]).readings[key[1]].noise
+    scatter = correlated.problem.readings[key].noise
     return sizes if sizes is not None and sizes[1] > max(_MUCH_MORE * sizes[0], _SCATTER * scatter) else None
 
 
 def _model_is_wrong(label: str, output: str, at_rest: float, driven: float) -> Finding:
-    channel = CHANNELS[output]
-    left, noise = (f"{channel.to_display(size):.2g} {channel.display_unit}" for size in (driven, at_rest))
+    left, noise = CHANNELS[output].text(driven), CHANNELS[output].text(at_rest)
     said = (
         f"under voltage the model leaves {left} (rms) of the {output}, where the noise at 0 V is {noise}: it lacks "
         "something, and the intervals count what it leaves as noise"
@@ -141,11 +140,10 @@ def _model_is_wrong(label: str, output: str, at_rest: float, driven: float) -> F
 
 
 def _hum(label: str, output: str, hum: Hum) -> Finding:
-    channel = CHANNELS[output]
     said = (
         f"the {output} holds a hum of {hum.frequency:.3g} Hz with an amplitude of "
-        f"{channel.to_display(hum.amplitude):.2g} {channel.display_unit}: intervals, above all of what an edge "
-        "determines, may be too small, for no noise model describes it"
+        f"{CHANNELS[output].text(hum.amplitude)}: intervals, above all of what an edge determines, may be too small, "
+        "for no noise model describes it"
     )
     repair = (
         "find its source; at a rate below twice its frequency the mains shows itself at another one: read faster, or "

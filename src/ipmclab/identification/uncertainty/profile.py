@@ -11,7 +11,6 @@ import numpy as np
 
 from ipmclab.identification.problem.evaluation import Evaluation
 from ipmclab.identification.problem.problem import Problem
-from ipmclab.identification.problem.response import CircuitResponder
 from ipmclab.identification.search.solve import AT_BOUND, THERE, Pinned, Solution, descend
 from ipmclab.identification.search.tangent import with_others
 from ipmclab.run import FloatArray
@@ -53,18 +52,6 @@ class Point:
     theta: FloatArray
     evaluation: Evaluation
     is_found: bool = True
-
-
-def one_side(
-    problem: Problem, solution: Solution, place: int, error: float, threshold: float
-) -> tuple[float, list[Point]]:
-    """One side of a profile: where it crosses a threshold, infinite where it does not, and the points on the way.
-
-    A negative error walks downwards.
-    """
-    walk = Walk(problem, solution, place, error)
-    away = walk.distance(math.sqrt(threshold))
-    return float(solution.theta[place]) + math.copysign(1.0, error) * away, walk.points[1:]
 
 
 class Walk:
@@ -220,7 +207,7 @@ def held_at(
     is_found = True
     # An edge that crosses a row makes a kink, beyond which the others may do better. A circuit alone affords to look.
     is_kinked = any(unknown.base == "observation.delay" for unknown in problem.unknowns)
-    if is_kinked and isinstance(problem.responder, CircuitResponder):
+    if is_kinked and problem.is_circuit:
         found, promised = descend(pinned, np.delete(warm.theta, place), evaluations=60, tolerance=_NEAR), 0.0
     else:
         found, promised = pinned.follow(warm.theta, warm.evaluation, settled)

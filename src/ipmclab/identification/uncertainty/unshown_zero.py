@@ -57,7 +57,7 @@ def unshown_zeros(problem: Problem, solution: Solution) -> list[Finding]:
         column = _of_a_zero(problem, key, 1.0, np.ones(int(np.count_nonzero(used))))
         along = inverse.T @ (column @ jacobian[problem.pieces[key]])
         moved = inverse @ along
-        if record.zero_is_open:
+        if record.zero_is_unseen:
             # What neither the parameters nor the noise imitate of it.
             power = float(column @ column)
             remaining = math.sqrt(max(power - float(along @ along), 0.0))
@@ -93,17 +93,15 @@ def hidden_zeros(problem: Problem, rows: int) -> FloatArray:
     columns : float array, shape (n_rows, n_hidden)
     """
     found = []
-    for record in problem.records:
-        resting = record.resting
-        for output, reading in record.readings.items():
-            step = reading.quantum if resting else 0.0
-            if not step or not np.std(record.run.channels[output][:resting]) < _DITHERED * step:
-                continue
-            key = record.place, output
-            column = np.zeros(rows)
-            after = np.where(np.flatnonzero(reading.used) >= resting, 1.0, 0.0)
-            column[problem.pieces[key]] = _of_a_zero(problem, key, step / math.sqrt(12.0), after)
-            found.append(column)
+    for key, reading in problem.readings.items():
+        record = problem.record_at(key[0])
+        step = reading.quantum if record.resting else 0.0
+        if not step or not np.std(record.run.channels[key[1]][: record.resting]) < _DITHERED * step:
+            continue
+        column = np.zeros(rows)
+        after = np.where(np.flatnonzero(reading.used) >= record.resting, 1.0, 0.0)
+        column[problem.pieces[key]] = _of_a_zero(problem, key, step / math.sqrt(12.0), after)
+        found.append(column)
     return np.array(found).reshape(len(found), rows).T
 
 
@@ -114,10 +112,9 @@ def _of_a_zero(problem: Problem, key: tuple[int, str], size: float, where: Float
 
 def _finding(record: PreparedRun, zero: float, away: Mapping[str, float]) -> Finding:
     """``zero-not-shown`` of a run that begins with the voltage on, else ``zero-hardly-shown``."""
-    channel, one = CHANNELS["current"], len(away) == 1
-    size = f"{channel.to_display(zero):.2g} {channel.display_unit}"
+    size, one = CHANNELS["current"].text(zero), len(away) == 1
     moves = [f"{name} by {100.0 * math.expm1(min(away[name], 10.0)):.2g} %" for name in names_by_size(away)]
-    if record.zero_is_open:
+    if record.zero_is_unseen:
         code, repair = "zero-not-shown", f"record 5 s at 0 V before the first edge, or free {OFFSET}"
         said = (
             "the record begins with the voltage on, so its current was taken to read zero at 0 V. A zero of "

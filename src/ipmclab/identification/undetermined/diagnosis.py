@@ -86,14 +86,11 @@ def directions(
     errors = np.sqrt(np.maximum(covariance.diagonal(), 0.0))
     variances, vectors = np.linalg.eigh(covariance)
     open_ones = errors > DETERMINED
-    chosen: set[int] = set()
-    for place in largest_first(variances):
-        error = float(np.sqrt(max(variances[place], 0.0)))
-        if error > DETERMINED and np.any(np.abs(vectors[:, place]) * error > DETERMINED):
-            chosen.add(place)
+    moved = np.abs(vectors) * np.sqrt(np.maximum(variances, 0.0))
+    chosen = [place for place in largest_first(variances) if np.any(moved[:, place] > DETERMINED)]
     if open_ones.any() and not chosen:
-        chosen.add(int(np.argmax(variances)))
-    for place in (k for k in largest_first(variances) if k in chosen):
+        chosen = [int(np.argmax(variances))]
+    for place in chosen:
         row, error = vectors[:, place], float(np.sqrt(variances[place]))
         reason = _uncertain_value(row, found, size)
         plain = _direction(names, row, error, records, fast)

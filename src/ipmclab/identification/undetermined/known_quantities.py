@@ -25,6 +25,7 @@ from ipmclab.identification.search.valleys import Rival
 from ipmclab.identification.uncertainty.covariance import MOVED, Uncertainty
 from ipmclab.model import Actuator
 from ipmclab.model.quantities import AT_ONCE, derived, quantities_of_each
+from ipmclab.named_matrix import Table, matrix_of
 from ipmclab.quality.record import Record as Checked
 from ipmclab.run import FloatArray
 from ipmclab.ties import largest_first
@@ -58,7 +59,7 @@ class Point:
     problem: Problem
     theta: FloatArray
     found: Uncertainty
-    stated: Mapping[str, Mapping[str, float]]
+    stated: Table
     rivals: Sequence[Rival] = ()
     ends: Sequence[FloatArray] = ()
     of_sensor: Mapping[int, FloatArray] = field(default_factory=dict)
@@ -205,8 +206,7 @@ def _known_at(point: Point, at_record: _AtRecord) -> dict[str, Known]:
     ]
     own, of_held = slopes[: len(moved)], slopes[len(moved) :]
     follows = np.array([found.slopes[name] for name in held]).reshape(len(held), len(own))
-    together = np.array([[point.stated[one][other] for other in stated] for one in stated])
-    together = together.reshape(len(stated), len(stated))
+    together = matrix_of(point.stated, stated)
     quantities_found = {}
     for name, value in here.items():
         scale = 1.0 if derived(name).positive else max(abs(value), 1e-300)

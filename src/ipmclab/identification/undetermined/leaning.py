@@ -9,11 +9,11 @@ from typing import Final
 import numpy as np
 
 from ipmclab.fit.fit import FittedParameter
-from ipmclab.identification.problem.order import Order
 from ipmclab.identification.problem.unknowns import Unknown
 from ipmclab.identification.uncertainty.covariance import Uncertainty
 from ipmclab.identification.uncertainty.interval import half_width
 from ipmclab.model.declared import MOTION, in_group
+from ipmclab.model.order import Order
 from ipmclab.run import Finding, Severity
 from ipmclab.ties import largest_first
 

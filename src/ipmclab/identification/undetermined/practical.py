@@ -16,12 +16,11 @@ import numpy as np
 
 from ipmclab.fit.practical import CollinearSet, Combination, Practical
 from ipmclab.identification.problem.evaluation import Evaluation
-from ipmclab.identification.problem.order import Order
 from ipmclab.identification.problem.problem import Problem
-from ipmclab.identification.search.solve import Solution
 from ipmclab.identification.search.tangent import STRUCTURAL, rank_threshold
 from ipmclab.identification.uncertainty.covariance import MOVED, left_of_the_asked
 from ipmclab.identification.undetermined.diagnosis import sizes
+from ipmclab.model.order import Order
 from ipmclab.run import FloatArray
 from ipmclab.ties import largest_first, upright
 
@@ -32,15 +31,14 @@ _LARGEST_SET: Final = 4  # of parameters: of five nobody fixes one
 _MOST_SETS: Final = 20_000  # of one size, that take less than a second
 
 
-def practical(problem: Problem, solution: Solution, order: Order) -> Practical:
-    """At a solution, from the sensitivity of the (whitened) readings."""
+def practical(problem: Problem, values: FloatArray, here: Evaluation, order: Order) -> Practical:
+    """At some values of what is asked for, from the sensitivity of the (whitened) readings there."""
     nuisance = np.array([unknown.nuisance for unknown in problem.unknowns], dtype=bool)
     if nuisance.all():
         return Practical((), {}, ())
     asked = [unknown for _, unknown in problem.asked]
-    values = np.array([unknown.value(float(solution.theta[place])) for place, unknown in problem.asked])
-    block = left_of_the_asked(solution.evaluation, nuisance) * sizes(asked, values)
-    return practical_from([order(unknown.name) for unknown in asked], block, solution.evaluation)
+    block = left_of_the_asked(here, nuisance) * sizes(asked, values)
+    return practical_from([order(unknown.name) for unknown in asked], block, here)
 
 
 def practical_from(names: list[str], sensitivity: FloatArray, here: Evaluation | None = None) -> Practical:

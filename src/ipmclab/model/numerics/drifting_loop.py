@@ -22,9 +22,10 @@ from ipmclab.model.environment.track_loop import (
 from ipmclab.model.numerics.compiled import kernel
 from ipmclab.model.numerics.course import Course
 from ipmclab.model.numerics.dense_loop import LawTable
+from ipmclab.model.numerics.kernels import times_columns
 from ipmclab.model.numerics.law_loop import solve_several
 from ipmclab.model.numerics.law_near_loop import ANCHOR, solve_near
-from ipmclab.model.numerics.vectors_loop import WIDTH, alike, begin_of, load, store
+from ipmclab.model.numerics.vectors_loop import WIDTH, begin_of
 
 FloatArray = npt.NDArray[np.float64]
 IndexArray = npt.NDArray[np.int64]
@@ -233,11 +234,7 @@ def drifting(
                 if not _solve(table, within, now, instant_anchor):
                     return j, False
             _begin(start, end, j, x, now.w, from_here)
-            for b in range(0, width, WIDTH):
-                sums = alike(0.0)
-                for c in range(columns):
-                    sums = sums + load(first_column, c * width + b) * alike(from_here[c])
-                store(result, b, sums)
+            times_columns(first_column, 0, columns, width, from_here, result)
             length = ends[j + 1] - ends[j]
             if m > 0:
                 _see(ports, end, j, at_end, now)

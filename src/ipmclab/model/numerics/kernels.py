@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.model.numerics.cascade_loop import cascade as _cascade
-from ipmclab.model.numerics.compiled import kernel
+from ipmclab.model.numerics.compiled import kernel, part
 from ipmclab.model.numerics.course import Course
 from ipmclab.model.numerics.modal_loop import modal as _modal
 from ipmclab.model.numerics.modal_loop import modal_sections as _modal_sections
@@ -49,6 +49,16 @@ def multiply(matrices: FloatArray, kind: int, vector: FloatArray, result: FloatA
         for j in range(vector.shape[0]):
             total += matrices[kind, i, j] * vector[j]
         result[i] = total
+
+
+@part
+def times_columns(columns: Any, first: int, count: int, width: int, of: Any, result: Any) -> None:
+    """The sum of columns times numbers, sixteen rows at a time: each to the last digit the one of ``multiply``."""
+    for b in range(0, width, WIDTH):
+        total = alike(0.0)
+        for c in range(count):
+            total = total + load(columns, first + c * width + b) * alike(of[c])
+        store(result, b, total)
 
 
 @kernel
@@ -102,11 +112,7 @@ def dense(
                 from_here[m + l] = end[i, l] - start[i, l]
             for j in range(n):
                 from_here[2 * m + j] = x[j]
-            for j in range(0, width, WIDTH):
-                place, total = interval[i] * count * width + j, alike(0.0)
-                for l in range(count):  # noqa: E741
-                    total = total + load(first, place + l * width) * alike(from_here[l])
-                store(result, j, total)
+            times_columns(first, interval[i] * count * width, count, width, from_here, result)
             for j in range(n):
                 x[j] = new[j]
 

@@ -7,9 +7,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
+import numpy as np
+
 from ipmclab.model.blocks import Block, Law, block
 from ipmclab.model.parameters import Declaration, Values
 from ipmclab.model.stages.kind import CURRENT, LITTLE, Excitation, Numbers, StageKind, Trial, is_there
+from ipmclab.run import FloatArray
 from ipmclab.units import CURRENT_DENSITY, NUMBER, TIME, VOLTAGE, Quantity
 
 LEAK: Final = "leak."
@@ -129,6 +132,25 @@ _LEAST_VOLTAGE: Final = 1e-50
 
 _STEEPEST: Final = 700.0
 """Exponent beyond which an exponential is no number of a computer (it ends at 709)."""
+
+
+def current_density(form: str, coefficients: Sequence[float], voltage: FloatArray) -> FloatArray:
+    """What leaks through each area [A/m^2] at voltages behind the electrodes.
+
+    Parameters
+    ----------
+    form : str
+    coefficients : sequence of three floats
+        In the order of the form's parameters.
+    voltage : float array [V]
+    """
+    first, second, third = coefficients
+    size = np.abs(voltage)
+    if form == "cubic":
+        return np.asarray(voltage * (first + size * (second + size * third)))
+    above = np.clip((size - second) / third, 0.0, _STEEPEST)
+    grown = np.expm1(above) if form == "exponential" else 2.0 * np.sinh(0.5 * above)
+    return np.asarray(np.sign(voltage) * first * grown)
 
 
 def _goes(values: Numbers) -> bool:

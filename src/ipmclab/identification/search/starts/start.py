@@ -11,13 +11,12 @@ import numpy as np
 from ipmclab.identification.problem.edge_delay import EdgeDelay, starts_of
 from ipmclab.identification.problem.free import FreeParameters
 from ipmclab.identification.problem.means import in_means
-from ipmclab.identification.problem.record import PreparedRun
+from ipmclab.identification.problem.record import PreparedRun, at_their_rows
 from ipmclab.identification.problem.response import lumped
 from ipmclab.identification.search.starts.start_circuit import circuit_values, find_circuit
-from ipmclab.identification.search.starts.start_coupling import coupling_starts
+from ipmclab.identification.search.starts.start_coupling import coupling_starts, relaxation_start
 from ipmclab.identification.search.starts.start_further import further_starts, without_further
 from ipmclab.identification.search.starts.start_leak import leak_starts
-from ipmclab.identification.search.starts.start_relaxation import relaxation_start
 from ipmclab.model import Actuator, geometry
 from ipmclab.model.declared import is_of_leak
 from ipmclab.model.stages.circuit import CONTACT, DC, SERIES, SHEET
@@ -49,8 +48,10 @@ def starting_points(
 ) -> Iterator[StartingPoint]:
     """Starting points, the most likely first; around a circuit where that is found already."""
     free = set(names.actuator)
-    delays = {record.place: record.at_its_rows for record in records if record.delay_is_free}
-    usual = _usual(actuator, free)
+    delays = at_their_rows(records)
+    # A usual size of each free parameter that has one; what the readings tell of it comes over it.
+    declared = actuator.structure.declarations
+    usual = {name: size for name in sorted(free) if (size := declared[name].usual) is not None}
     bases = [usual]
     exact = False
     if circuit is not None:
@@ -81,9 +82,9 @@ def starting_points(
     shifts = {**known, **starts_of(delays)}
     only_electrical = exact and _only_electrical(actuator, free, records)
     for base in bases:
-        strip = actuator.replace(**within_bounds(actuator, {**base, **without_further(actuator, free)}))
+        strip = actuator.replace(**allowed(actuator, {**base, **without_further(actuator, free)}))
         for motion in _motion_starts(strip, free, records, shifts):
-            moving = strip.replace(**within_bounds(strip, motion))
+            moving = strip.replace(**allowed(strip, motion))
             for further in further_starts(moving, free, records, shifts):
                 yield StartingPoint({**base, **motion, **further}, delays, only_electrical)
 
@@ -97,7 +98,7 @@ def known_first(
         return points
     known = {name: prior.value for name, prior in names.priors.items()}
     rest = names.of(set(names.actuator) - known.keys())
-    about = starting_points(actuator.replace(**within_bounds(actuator, known)), rest, records, circuit)
+    about = starting_points(actuator.replace(**allowed(actuator, known)), rest, records, circuit)
     return [*(replace(point, values={**point.values, **known}) for point in about), *points]
 
 
@@ -114,16 +115,10 @@ def _with_leak(
     base: Mapping[str, float],
 ) -> list[dict[str, float]]:
     """Starting points of a circuit that leaks: a few for each series resistance that is tried."""
-    strip = actuator.replace(**within_bounds(actuator, base))
+    strip = actuator.replace(**allowed(actuator, base))
     most = _LEAK_STARTS + free.isdisjoint(SERIES)
     starts = leak_starts(strip, free, [in_means(record) or record for record in records], starts_of(delays), most)
     return [{**base, **_freed(start, free)} for start in starts]
-
-
-def _usual(actuator: Actuator, free: set[str]) -> dict[str, float]:
-    """A usual size of each free parameter that has one; what the readings tell of it comes over it."""
-    declared = actuator.structure.declarations
-    return {name: usual for name in sorted(free) if (usual := declared[name].usual) is not None}
 
 
 def _motion_starts(
@@ -149,8 +144,8 @@ def _only_electrical(actuator: Actuator, free: set[str], records: Sequence[Prepa
     return free == electrical and len({record.series_resistance for record in records}) == 1
 
 
-def within_bounds(actuator: Actuator, values: Mapping[str, float]) -> dict[str, float]:
-    """Values of parameters, none beyond the bounds of its own."""
+def allowed(actuator: Actuator, values: Mapping[str, float]) -> dict[str, float]:
+    """Values of parameters, each no farther than it may be."""
     parameters = actuator.parameters()
     return {
         name: min(max(float(value), parameters[name].lower), parameters[name].upper) for name, value in values.items()

@@ -10,7 +10,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from ipmclab.identification.problem.edge_delay import EdgeDelay, starts_of
-from ipmclab.identification.problem.record import LONGEST_DELAY, PreparedRun, drive
+from ipmclab.identification.problem.record import LONGEST_DELAY, PreparedRun, at_their_rows, drive
 from ipmclab.identification.search.searched_run import SearchedRun, moves_of_rows
 from ipmclab.identification.search.varpro import PoleFit, search_poles
 from ipmclab.model import geometry
@@ -63,26 +63,23 @@ def find_circuit(
     series : float [ohm] or None
         Electrodes and contact, where they are known: they tell which delays belong to a circuit that can exist.
     """
+
+    def found() -> tuple[Admittance, dict[int, EdgeDelay]]:
+        delays = at_their_rows(records)
+        timed = [record for record in records if not record.delay_is_free]
+        # Each by itself: beside another whose edges are no better known it would only seem to be located.
+        allowed = {
+            record.place: _locate([*timed, record], record, branches, series)
+            for record in records
+            if record.place in delays and record.shows_edges
+        }
+        if allowed:
+            delays |= _beside_each_other(records, allowed, starts_of(delays), branches)
+        return admittance_of(fitted_poles(current_series(records, starts_of(delays)), branches)), delays
+
     first, *others = records
     # A fit asks once; each stage that it is then tried with asks the same again.
-    return first.keep((*others, branches, series), lambda: _found(records, branches, series))
-
-
-def _found(
-    records: Sequence[PreparedRun], branches: int, series: float | None
-) -> tuple[Admittance, dict[int, EdgeDelay]]:
-    """``find_circuit``"""
-    delays = {record.place: record.at_its_rows for record in records if record.delay_is_free}
-    timed = [record for record in records if not record.delay_is_free]
-    # Each by itself: beside another whose edges are no better known it would only seem to be located.
-    allowed = {
-        record.place: _locate([*timed, record], record, branches, series)
-        for record in records
-        if record.place in delays and record.shows_edges
-    }
-    if allowed:
-        delays |= _beside_each_other(records, allowed, starts_of(delays), branches)
-    return _admittance(_search(records, starts_of(delays), branches)), delays
+    return first.keep((*others, branches, series), found)
 
 
 def _beside_each_other(
@@ -101,7 +98,7 @@ def _beside_each_other(
     def cost(rows: tuple[float, ...]) -> float:
         if rows not in costs:
             moved = {place: (row - 0.5) * periods[place] for place, row in zip(periods, rows, strict=True)}
-            costs[rows] = _search(short, {**delays, **moved}, branches, tries=1).cost
+            costs[rows] = fitted_poles(current_series(short, {**delays, **moved}), branches, tries=1).cost
         return costs[rows]
 
     lowest, best = tuple(float(allowed[place].row) for place in periods), None
@@ -123,7 +120,8 @@ def _locate(records: Sequence[PreparedRun], record: PreparedRun, branches: int, 
     """
     records = [_beginning(one) for one in records]
     steps = np.arange(-LONGEST_DELAY * _DELAY_PARTS, LONGEST_DELAY * _DELAY_PARTS + 1) / _DELAY_PARTS
-    tried = [_search(records, {record.place: float(step) * record.period}, branches, tries=1) for step in steps]
+    delayed = (current_series(records, {record.place: float(step) * record.period}) for step in steps)
+    tried = [fitted_poles(series, branches, tries=1) for series in delayed]
     costs = np.array([found.cost for found in tried])
     best = int(np.argmin(costs))
     readings = sum(int(np.count_nonzero(r.readings["current"].exact)) for r in records)
@@ -136,7 +134,7 @@ def _locate(records: Sequence[PreparedRun], record: PreparedRun, branches: int, 
     chosen = np.arange(first, last + 1)
     if series is not None:
         total = series + record.series_resistance
-        physical = [place for place in chosen if elements(total, _admittance(tried[place])).is_physical()]
+        physical = [place for place in chosen if elements(total, admittance_of(tried[place])).is_physical()]
         chosen = np.array(physical or chosen)
     # An edge on a row is seen by it: a range of delays is open at its lower end.
     low, high = float(steps[chosen[0]]) - 1.0 / _DELAY_PARTS, float(steps[chosen[-1]])
@@ -161,12 +159,13 @@ def _beginning(record: PreparedRun) -> PreparedRun:
     return replace(record, run=short, readings=readings)
 
 
-def _admittance(found: PoleFit) -> Admittance:
+def admittance_of(found: PoleFit) -> Admittance:
+    """Of a circuit whose poles were fitted."""
     return Admittance(float(found.common[0]), found.residues, found.poles)
 
 
-def _search(records: Sequence[PreparedRun], delays: Mapping[int, float], branches: int, *, tries: int = 3) -> PoleFit:
-    series = current_series(records, delays)
+def fitted_poles(series: Sequence[SearchedRun], branches: int, *, tries: int = 3) -> PoleFit:
+    """The poles of some currents, whose direct term answers to the voltage itself."""
     direct = np.concatenate([run.drive.present for run in series])[None, :]
     return search_poles(series, branches, direct, tries=tries)
 

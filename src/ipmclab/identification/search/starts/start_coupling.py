@@ -1,7 +1,8 @@
-"""The coupling found from force or displacement and the node voltage of a known circuit."""
+"""The coupling, or the slow modes beside a known one, from force or displacement and the node voltage of a circuit."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
@@ -18,6 +19,7 @@ from ipmclab.model import Actuator, simulate_outputs
 from ipmclab.model.numerics.drive import Drive, responses
 from ipmclab.run import FloatArray
 
+_IS_SLOW: Final = re.compile(r"relaxation\..*\.(ratio|lead)$")
 _NONE: Final = np.empty(0)  # where no poles stand beside those of d(s)
 _STATIC: Final = 1e-3  # of what d(s) has at its corner, where the best static part is none that a strip has
 _MEETING: Final = 1.3  # ratio of two real poles below which they count as met
@@ -192,7 +194,7 @@ def _with_other(
     fast = PoleFit(poles, np.array([first, gain - first]), np.zeros(0), 0.0)
     if not slow:
         return _stiffness(fast, other) if separate else 1.0, ()
-    runs, common = [one.run for one in other], sensors(other)
+    runs, common = [one.run for one in other], _sensors(other)
     expected = [fast.residues @ responses(run.drive, poles)[0] for run in runs]
     if separate:
         common = np.vstack([common, np.concatenate(expected)])
@@ -214,14 +216,14 @@ def _within_drifts(
 ) -> list[PoleFit]:
     """What a search finds, no sensor drifting by more than its rows at 0 V allow."""
     runs = [one.run for one in motion]
-    found = search(runs, sensors(motion))
+    found = search(runs, _sensors(motion))
     held = dict(_beyond(motion, found[0].common)) if found else {}
     if not held:
         return found
     series = [
         replace(run, readings=run.readings - held[k] * run.time) if k in held else run for k, run in enumerate(runs)
     ]
-    return search(series, sensors(motion, without=held))
+    return search(series, _sensors(motion, without=held))
 
 
 def _beyond(motion: Sequence[Motion], common: FloatArray) -> Iterator[tuple[int, float]]:
@@ -247,7 +249,7 @@ def _columns(motion: Sequence[Motion], without: Container[int] = ()) -> list[tup
     ]
 
 
-def sensors(motion: Sequence[Motion], *, without: Container[int] = ()) -> FloatArray:
+def _sensors(motion: Sequence[Motion], *, without: Container[int] = ()) -> FloatArray:
     """What sensors add: a constant for each series, for a zero is arbitrary, and a slope where the record shows one.
 
     Parameters
@@ -343,3 +345,33 @@ def motion_series(
             run = SearchedRun(given, since, values / scale, weight, is_free)
             found.append(Motion(run, record, output, scale))
     return found
+
+
+def relaxation_start(
+    actuator: Actuator, records: Sequence[PreparedRun], delays: Mapping[int, float], outputs: Sequence[str]
+) -> dict[str, float]:
+    """The slow modes of these outputs, for the circuit and the coupling of an actuator.
+
+    What the fast part of the drive leaves of a reading is a sum of responses to the node voltage, whose poles
+    variable projection finds.
+
+    Parameters
+    ----------
+    actuator : Actuator
+        With the circuit, the coupling and the beam near their final values; its slow modes are not used.
+    records : sequence of PreparedRun
+    delays : mapping of place to float [s]
+    outputs : sequence of str
+        ``displacement``, ``force``, or both.
+    """
+    values: dict[str, float] = {}
+    off = {name: 0.0 for name in actuator.parameter_values if _IS_SLOW.match(name)}
+    static = actuator["coupling.gain"] * actuator["coupling.zero"] / actuator["coupling.p2"]
+    motion = motion_series(actuator, records, delays, known_part=actuator.replace(**off))
+    for output in outputs:
+        of, slow = of_output(motion, output), slow_poles(actuator, output)
+        if not of or not slow:
+            continue
+        found = search_poles([one.run for one in of], slow, _sensors(of))
+        values |= slow_values(actuator, output, slow_modes(found.poles, found.residues, static))
+    return values

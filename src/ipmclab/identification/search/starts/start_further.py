@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Final
 
-from ipmclab.identification.problem.excitation import excitation
 from ipmclab.identification.problem.record import READ_OUTPUTS, PreparedRun, as_read
 from ipmclab.model import Actuator
+from ipmclab.model.excitation import excitation
 from ipmclab.model.kinds import kind_of
 from ipmclab.model.stages.beam import VISCOELASTIC
 from ipmclab.model.stages.kind import StageKind

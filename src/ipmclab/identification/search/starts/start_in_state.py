@@ -9,11 +9,11 @@ from typing import Final
 import numpy as np
 
 from ipmclab.identification.problem.free import FreeParameters
-from ipmclab.identification.problem.in_state import in_state
-from ipmclab.identification.problem.record import PreparedRun
+from ipmclab.identification.problem.record import PreparedRun, at_their_rows
 from ipmclab.identification.search.starts.start import StartingPoint
 from ipmclab.model import Actuator
 from ipmclab.model.environment.laws import is_of_environment
+from ipmclab.strip_state.in_state import in_state
 
 _ALIKE: Final = 0.1  # of a water content, and of a temperature in 50 K: states whose runs are taken together
 
@@ -25,10 +25,11 @@ def in_one_state(records: Sequence[PreparedRun]) -> list[PreparedRun] | None:
     ----------
     records : sequence of PreparedRun
     """
-    if any(record.state is None or record.state.water_content is None for record in records):
+    states = [record.state for record in records if record.state is not None and record.state.water_content is not None]
+    if len(states) < len(records):
         return None
     outputs = {output for record in records for output in record.readings}
-    places = np.array([_place(record) for record in records])
+    places = np.array([state.place for state in states])
     best: list[PreparedRun] = []
     for place in places:
         near = [
@@ -43,14 +44,6 @@ def in_one_state(records: Sequence[PreparedRun]) -> list[PreparedRun] | None:
     return best or list(records)
 
 
-def _place(record: PreparedRun) -> tuple[float, float]:
-    state = record.state
-    assert state is not None
-    assert state.water_content is not None
-    assert state.temperature is not None
-    return float(np.log(state.water_content)), state.temperature / 50.0
-
-
 def there_alone(
     actuator: Actuator, names: FreeParameters, records: Sequence[PreparedRun]
 ) -> tuple[Actuator, FreeParameters]:
@@ -61,11 +54,6 @@ def there_alone(
     priors = {name: prior for name, prior in names.priors.items() if name in stages}
     fewer = replace(names.of(stages), priors=priors, together={}, age=())
     return Actuator(actuator.name, stages, stated, actuator.sample), fewer
-
-
-def nowhere(records: Sequence[PreparedRun]) -> StartingPoint:
-    """A start where nothing of the strip itself is free."""
-    return StartingPoint({}, {record.place: record.at_its_rows for record in records if record.delay_is_free})
 
 
 def moved_back(
@@ -82,8 +70,7 @@ def moved_back(
         name: value * actuator[name] / ratios[name] if ratios.get(name) else value
         for name, value in point.values.items()
     }
-    elsewhere = {record.place: record.at_its_rows for record in records if record.delay_is_free}
-    return StartingPoint({**values, **laws}, {**elsewhere, **point.delays})
+    return StartingPoint({**values, **laws}, {**at_their_rows(records), **point.delays})
 
 
 def _usual_laws(actuator: Actuator, names: FreeParameters) -> dict[str, float]:

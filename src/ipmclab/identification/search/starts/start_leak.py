@@ -15,14 +15,18 @@ import numpy as np
 
 from ipmclab.identification.problem.record import PreparedRun
 from ipmclab.identification.problem.response import lumped
-from ipmclab.identification.search.searched_run import SearchedRun
-from ipmclab.identification.search.starts.start_circuit import circuit_values, current_series
-from ipmclab.identification.search.varpro import search_poles
+from ipmclab.identification.search.searched_run import SearchedRun, side_by_side
+from ipmclab.identification.search.starts.start_circuit import (
+    admittance_of,
+    circuit_values,
+    current_series,
+    fitted_poles,
+)
 from ipmclab.model import Actuator
 from ipmclab.model.admittance import Admittance, admittance
 from ipmclab.model.declared import is_of_leak
 from ipmclab.model.numerics.drive import Drive, responses
-from ipmclab.model.stages.leak import ELECTROLYSIS
+from ipmclab.model.stages.leak import ELECTROLYSIS, current_density
 from ipmclab.run import FloatArray
 
 _EDGE: Final = 0.05  # of the largest voltage: a jump at a row
@@ -111,26 +115,6 @@ def leak_starts(
     return found
 
 
-def current_density(form: str, coefficients: Sequence[float], voltage: FloatArray) -> FloatArray:
-    """What leaks through each area [A/m^2] (see ``model.stages.leak``).
-
-    Parameters
-    ----------
-    form : str
-    coefficients : sequence of three floats
-        In the order of the form's parameters.
-    voltage : float array [V]
-        Behind the electrodes.
-    """
-    first, second, third = coefficients
-    size = np.abs(voltage)
-    if form == "cubic":
-        return np.asarray(voltage * (first + size * (second + size * third)))
-    above = np.clip((size - second) / third, 0.0, 700.0)
-    grown = np.expm1(above) if form == "exponential" else 2.0 * np.sinh(0.5 * above)
-    return np.asarray(np.sign(voltage) * first * grown)
-
-
 @dataclass(frozen=True, eq=False)
 class _Node:
     """The currents of all records, and the voltages at the rows behind the series resistance [ohm]."""
@@ -157,15 +141,10 @@ class _Node:
     def weight(self) -> FloatArray:
         return np.concatenate([run.weight for run in self.series])
 
-    def pieces(self) -> list[slice]:
-        """Where the rows of each run stand."""
-        ends = np.cumsum([len(run.time) for run in self.series])
-        return [slice(end - len(run.time), end) for end, run in zip(ends, self.series, strict=True)]
-
     def without(self, leak: FloatArray) -> list[SearchedRun]:
         """The runs as a circuit without its leak sees them: drawn less, at a voltage that is lower by as much."""
         found = []
-        for run, piece in zip(self.series, self.pieces(), strict=True):
+        for run, piece, _ in side_by_side(self.series):
             given, lower = run.drive, _driven(run, leak[piece])
             given = replace(
                 given,
@@ -178,9 +157,7 @@ class _Node:
 
     def circuit(self, leak: FloatArray, branches: int) -> Admittance:
         """Poles and residues of the circuit beside a leak [A]."""
-        runs = self.without(leak)
-        found = search_poles(runs, branches, np.concatenate([run.drive.present for run in runs])[None])
-        return Admittance(float(found.common[0]), found.residues, found.poles)
+        return admittance_of(fitted_poles(self.without(leak), branches))
 
     def at(self, fractions: Admittance) -> tuple[FloatArray, FloatArray]:
         """No columns, and what a circuit without a leak leaves of the currents."""
@@ -199,7 +176,7 @@ class _Node:
         """What each part of a leak adds to the current, w - S Y w: it also loads the electrodes."""
         found = np.empty_like(columns)
         for number, column in enumerate(columns):
-            for run, piece in zip(self.series, self.pieces(), strict=True):
+            for run, piece, _ in side_by_side(self.series):
                 drawn = _answer(fractions, _driven(run, column[piece]))
                 found[number, piece] = column[piece] - self.series_resistance * drawn
         return found
@@ -207,7 +184,7 @@ class _Node:
     def lagged(self, values: FloatArray, time_constant: float) -> FloatArray:
         """Values at the rows behind 1/(1 + tau s)."""
         found = np.empty_like(values)
-        for run, piece in zip(self.series, self.pieces(), strict=True):
+        for run, piece, _ in side_by_side(self.series):
             given = _driven(run, values[piece])
             found[piece] = responses(given, np.array([-1.0 / time_constant]))[0][0] / time_constant
         return found

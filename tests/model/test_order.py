@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ipmclab import identify, load_actuator, simulate
-from ipmclab.identification.problem.order import Order
 from ipmclab.identification.search.valleys import Rival
 from ipmclab.identification.solved import solved
+from ipmclab.model.order import Order
 from ipmclab.run import Run
 
 MODE = "relaxation.force.{}.time_constant"

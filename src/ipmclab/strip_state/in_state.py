@@ -8,12 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.fit.fit import Fit
 from ipmclab.model import Actuator
 from ipmclab.model.declared import declaration_of
 from ipmclab.model.environment import WaterState
 from ipmclab.model.environment import in_state as moved_by_laws
-from ipmclab.model.environment.age import AGE, Age, grown
+from ipmclab.model.environment.age import Age, grown
 from ipmclab.model.environment.laws import is_of_environment
 from ipmclab.run import FloatArray
 from ipmclab.strip_state.run_state import RunState
@@ -91,11 +90,6 @@ def in_state(
         by_water=by_water[moves],
         by_rate={name: column[moves] for name, column in by_rate.items()},
     )
-
-
-def rates_of(fit: Fit | None) -> dict[str, float]:
-    """How fast parameters age, as a fit found it."""
-    return {} if fit is None else {name: one.value for name, one in fit.parameters.items() if name.startswith(AGE)}
 
 
 def strip_in_state(actuator: Actuator, state: RunState, rates: Mapping[str, float]) -> Actuator:

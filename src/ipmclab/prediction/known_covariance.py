@@ -1,4 +1,4 @@
-"""What a fit knows of an actuator's parameters, as one covariance: from it follow bands of what is predicted."""
+"""What a fit knows of an actuator's parameters in one run, as one covariance: the bands of a prediction rest on it."""
 
 from __future__ import annotations
 
@@ -9,9 +9,8 @@ import numpy as np
 
 from ipmclab.confidence import wider_for_few
 from ipmclab.measurement.random_effect import FEWEST
+from ipmclab.named_matrix import Table, matrix_of
 from ipmclab.run import FloatArray
-
-Table = Mapping[str, Mapping[str, float]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,41 +29,6 @@ class KnownCovariance:
     names: tuple[str, ...]
     covariance: FloatArray
     left_out: tuple[str, ...] = ()
-
-
-def covariance_table(
-    names: Sequence[str],
-    entries: FloatArray,
-    chains: Sequence[float],
-    slopes: Mapping[str, FloatArray],
-    stated: Table,
-) -> dict[str, dict[str, float]]:
-    """Covariance [SI] of what was fitted and of what was held at a stated uncertainty, which moves with it.
-
-    Parameters
-    ----------
-    names : sequence of str
-        What was fitted.
-    entries : float array, shape (n, n)
-        Covariance of their entries in the vector of the fit.
-    chains : sequence of float
-        Derivative of each value by its entry.
-    slopes : mapping of name to float array, shape (n,)
-        Derivative of each entry by a held parameter [1/SI].
-    stated : mapping of name to mapping of name to float [SI]
-        Covariance of the held parameters.
-    """
-    every = [*names, *stated]
-    count = len(names)
-    scaled = np.zeros((len(every), len(every)))
-    scaled[:count, :count] = entries * np.outer(chains, chains)
-    if stated:
-        held = np.array([[row[other] for other in stated] for row in stated.values()])
-        moved = np.array([slopes[name] for name in stated]) * chains
-        scaled[count:, count:] = held
-        scaled[count:, :count] = held @ moved
-        scaled[:count, count:] = scaled[count:, :count].T
-    return {name: dict(zip(every, row, strict=True)) for name, row in zip(every, scaled.tolist(), strict=True)}
 
 
 def known_of(
@@ -100,8 +64,7 @@ def known_of(
     of_others = {base: _of_another(found) for base, found in remaining.items() if len(found) >= FEWEST}
     names = (*chosen, *of_others)
     covariance = np.zeros((len(names), len(names)))
-    full = np.array([[table[one][other] for other in chosen.values()] for one in chosen.values()])
-    covariance[: len(chosen), : len(chosen)] = full.reshape(len(chosen), len(chosen))
+    covariance[: len(chosen), : len(chosen)] = matrix_of(table, chosen.values())
     covariance[range(len(chosen), len(names)), range(len(chosen), len(names))] = list(of_others.values())
     return KnownCovariance(names, covariance, tuple(base for base in remaining if base not in of_others))
 
