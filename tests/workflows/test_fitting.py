@@ -11,7 +11,7 @@ import pytest
 
 from ipmclab import Run, identify, leave_one_run_out, load_actuator, profile, simulate, write_run
 from ipmclab.errors import InputError
-from ipmclab.identification.interrupted import uninterrupted
+from ipmclab.fit.interrupted import uninterrupted
 from ipmclab.progress import reporting_to
 from ipmclab.store.run_file import read_run
 from ipmclab.workflows import fitting

@@ -22,8 +22,8 @@ from ipmclab.campaign.state import State
 from ipmclab.errors import InputError, IpmclabError
 from ipmclab.fit.fit import Fit
 from ipmclab.fit.fit_file import read_fit, write_fit
+from ipmclab.fit.interrupted import uninterrupted
 from ipmclab.identification.identify import identify
-from ipmclab.identification.interrupted import uninterrupted
 from ipmclab.model import Actuator, load_actuator
 from ipmclab.model.stages.beam import YOUNGS_MODULUS
 from ipmclab.model.stages.circuit import SHEET

@@ -14,8 +14,8 @@ from ipmclab.campaign.results import RunResult, read_results
 from ipmclab.campaign.state import FILE, as_begun, read_events
 from ipmclab.errors import InputError, IpmclabError
 from ipmclab.fit.fit import Fit
+from ipmclab.fit.interrupted import uninterrupted
 from ipmclab.identification.identify import identify
-from ipmclab.identification.interrupted import uninterrupted
 from ipmclab.model import Actuator, load_actuator
 from ipmclab.model.declared import ELECTRICAL, MOTION, in_group
 from ipmclab.model.stages.coupling import ZERO

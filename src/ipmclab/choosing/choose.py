@@ -25,8 +25,8 @@ from ipmclab.choosing.stages_shown import differing_stages, shown_in_one, stages
 from ipmclab.engine import Engine, Here
 from ipmclab.errors import InputError, IpmclabError
 from ipmclab.fit.fit import Fit
+from ipmclab.fit.interrupted import uninterrupted
 from ipmclab.identification.identify import identify
-from ipmclab.identification.interrupted import uninterrupted
 from ipmclab.identification.problem.record import READ_OUTPUTS, prepare
 from ipmclab.model import Actuator
 from ipmclab.one_thread import on_one_thread

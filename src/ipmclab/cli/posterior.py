@@ -62,8 +62,8 @@ def posterior(
     """
     from ipmclab import load_actuator
     from ipmclab.engine import opened
+    from ipmclab.fit.interrupted import uninterrupted
     from ipmclab.identification.identify import identify
-    from ipmclab.identification.interrupted import uninterrupted
 
     reads: list[Path | str] = [*actuator_files(actuator), *runs]
     check_output(out, force=force, suffixes=(".nc",), reads=reads)

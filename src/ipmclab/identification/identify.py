@@ -8,6 +8,7 @@ from dataclasses import replace
 from ipmclab.consistency.of_fit import with_cross_checks
 from ipmclab.fit.fit import Fit
 from ipmclab.fit.fit_table import changed, with_findings
+from ipmclab.fit.interrupted import NO_COMPARISON, NO_PROFILES, NO_STAGES
 from ipmclab.fit.mountings import Mounting
 from ipmclab.fit.output_diagnosis import OutputDiagnosis
 from ipmclab.identification.asked import (
@@ -27,7 +28,6 @@ from ipmclab.identification.environment.inseparable import inseparable
 from ipmclab.identification.environment.next_condition import next_condition
 from ipmclab.identification.environment.with_states import with_states
 from ipmclab.identification.estimate import estimate
-from ipmclab.identification.interrupted import NO_COMPARISON, NO_PROFILES, NO_STAGES
 from ipmclab.identification.mountings.mountings import differ, each_mounting, with_mountings
 from ipmclab.identification.of_records import NOISE, GrowingLeak, findings_of_records, left_out_of
 from ipmclab.identification.problem.earlier_fit import as_read_before, fitted_runs

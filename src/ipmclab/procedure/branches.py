@@ -7,8 +7,8 @@ from typing import Final
 
 from ipmclab.consistency.cross_check import CHECKS
 from ipmclab.fit.fit import Fit
+from ipmclab.fit.interrupted import uninterrupted
 from ipmclab.identification.identify import identify
-from ipmclab.identification.interrupted import uninterrupted
 from ipmclab.measurement.uncertain import Uncertain
 from ipmclab.procedure import dc
 from ipmclab.procedure.step import Result, Step, advice_for, assumed_finding

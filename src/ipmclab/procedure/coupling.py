@@ -9,8 +9,8 @@ from typing import Final
 
 from ipmclab.fit.fit import DETERMINED, Fit
 from ipmclab.fit.fit_table import changed
+from ipmclab.fit.interrupted import uninterrupted
 from ipmclab.identification.identify import identify
-from ipmclab.identification.interrupted import uninterrupted
 from ipmclab.identification.solved import solved
 from ipmclab.measurement.uncertain import Uncertain
 from ipmclab.procedure.branches import fit_findings

@@ -12,9 +12,9 @@ from ipmclab.consistency.of_fit import units_off
 from ipmclab.errors import InputError
 from ipmclab.fit.fit import Fit
 from ipmclab.fit.fit_table import with_findings
+from ipmclab.fit.interrupted import NO_PROFILES
 from ipmclab.identification.asked import outputs_of_fit
 from ipmclab.identification.identify import identify
-from ipmclab.identification.interrupted import NO_PROFILES
 from ipmclab.identification.problem.free import parse_free
 from ipmclab.model import Actuator
 from ipmclab.prediction.left_out import leave_one_run_out

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from ipmclab.engine import Engine, Here
 from ipmclab.errors import InputError, IpmclabError
 from ipmclab.fit.fit import Fit
-from ipmclab.identification.interrupted import uninterrupted
+from ipmclab.fit.interrupted import uninterrupted
 from ipmclab.model import Actuator
 from ipmclab.prediction.validate import run_labels
 from ipmclab.progress import OnProgress
