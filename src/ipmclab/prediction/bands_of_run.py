@@ -23,6 +23,7 @@ from ipmclab.prediction.bands import (
     noise_outputs,
     standard_error_here,
     standard_error_of,
+    standard_error_of_model,
     standard_error_of_next,
 )
 from ipmclab.prediction.in_state import state_in
@@ -80,6 +81,9 @@ def band_of_run(
             deviation = standard_error_of_next(fit, strips, model, drive, predicted)
         else:
             deviation, away = standard_error_here(fit, run.metadata.mounting_id, model, drive, predicted, mountings)
+    lacking = {}
+    if place is None:  # what the model misses in a run of the fit is in the noise of that run
+        lacking = standard_error_of_model(fit, run.metadata.mounting_id, model, drive, outputs)
     since = run.time - run.time[0]
     observed = fit.observations if place is None else [fit.observations[place]]
     found = {}
@@ -89,7 +93,7 @@ def band_of_run(
         noise = noise_of(of_these, output, since, level=level, drift=place is None)
         if others:
             noise = noise_between(fit, output, noise)
-        found[output] = NORMAL_95 * np.hypot(deviation[output], noise)
+        found[output] = NORMAL_95 * np.hypot(np.hypot(deviation[output], lacking.get(output, 0.0)), noise)
         if output in away:
             found[output] += away[output]
     return found

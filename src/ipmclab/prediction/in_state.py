@@ -3,7 +3,7 @@ doubts."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -12,7 +12,7 @@ import numpy.typing as npt
 from ipmclab.errors import InputError
 from ipmclab.fit.fit import Fit
 from ipmclab.fit.fit_file import fit_of
-from ipmclab.identification.problem.in_state import in_state, rates_of
+from ipmclab.identification.problem.in_state import InState, in_state, rates_of
 from ipmclab.identification.uncertainty.known_covariance import KnownCovariance
 from ipmclab.model import Actuator
 from ipmclab.model.environment.age import AGE, SCALES, Age, grown
@@ -124,12 +124,40 @@ def known_in_state(
     names : tuple of str
     covariance : float array, shape (n_names, n_names) [SI]
     """
-    own = [name for name in known.names if not name.startswith(AGE)]
-    there = in_state(actuator.parameter_values, state, own, water=state.found, rates=rates)
-    nothing = np.zeros(len(there.names))
-    rows = dict(zip(own, there.by, strict=True)) | {name: there.by_rate.get(name, nothing) for name in rates}
-    moves = np.array([rows.get(name, nothing) for name in known.names]).reshape(len(known.names), len(there.names))
+    there, moves = _there(known.names, actuator, state, rates)
     covariance = moves.T @ known.covariance @ moves
     if state.found is None:  # else it is a run of the fit, whose readings say how wet the strip was
         covariance += np.outer(there.by_water, there.by_water) * state.standard_uncertainty**2
     return there.names, covariance
+
+
+def moves_in_state(
+    names: Sequence[str], actuator: Actuator, state: RunState, rates: Mapping[str, float]
+) -> tuple[tuple[str, ...], FloatArray]:
+    """How the parameters of a strip in a state move with those of the reference state, laws and rates among them.
+
+    Parameters
+    ----------
+    names : sequence of str
+    actuator : Actuator
+        As it is in the reference state.
+    state : RunState
+    rates : mapping of name to float
+
+    Returns
+    -------
+    there : tuple of str
+    moves : float array, shape (n_names, n_there)
+    """
+    there, moves = _there(names, actuator, state, rates)
+    return there.names, moves
+
+
+def _there(
+    names: Sequence[str], actuator: Actuator, state: RunState, rates: Mapping[str, float]
+) -> tuple[InState, FloatArray]:
+    own = [name for name in names if not name.startswith(AGE)]
+    there = in_state(actuator.parameter_values, state, own, water=state.found, rates=rates)
+    nothing = np.zeros(len(there.names))
+    rows = dict(zip(own, there.by, strict=True)) | {name: there.by_rate.get(name, nothing) for name in rates}
+    return there, np.array([rows.get(name, nothing) for name in names]).reshape(len(names), len(there.names))
