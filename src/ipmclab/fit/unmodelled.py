@@ -83,10 +83,11 @@ def lagged(time: FloatArray, voltage: FloatArray, time_constants: FloatArray) ->
     found = np.zeros((len(time_constants), len(time)))
     steps = np.diff(time)
     if len(steps) and np.ptp(steps) <= 1e-6 * steps[0]:
-        from scipy.signal import lfilter
+        from ipmclab.statespace.kernels import continued  # compiled: who only reads a fit needs none of it
 
+        rest, driven = np.zeros(1), np.asarray(voltage[:-1], dtype=np.float64)
         for row, kept in zip(found, np.exp(-steps[0] / time_constants), strict=True):
-            row[:] = lfilter([0.0, 1.0 - kept], [1.0, -kept], voltage)
+            row[1:] = continued(np.array([kept]), rest, (1.0 - kept) * driven)
         return found
     state = np.zeros(len(time_constants))
     for place, (step, value) in enumerate(zip(steps.tolist(), voltage.tolist(), strict=False), 1):
