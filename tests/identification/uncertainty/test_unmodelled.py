@@ -79,7 +79,7 @@ def test_readings_that_the_model_meets_exactly_leave_nothing_open() -> None:
     assert float(np.max(bands.of_model["current"])) < 1e-9
 
 
-def test_a_run_of_another_mounting_or_in_its_own_air_and_a_force_have_it_too() -> None:
+def test_a_force_has_it_as_a_current_has() -> None:
     generator = np.random.default_rng(SEED)
     run = noisy(generator, "step 1 V", outputs=("current", "force"), mounting="a")
     fit = identify(FRIEND, run, free=["electrical", "coupling"])
