@@ -32,7 +32,13 @@ from benchmarks.real_records import StepRecord, records
 from ipmclab.model import simulate_outputs
 from ipmclab.model.variants import with_stages
 
-SOURCES = ("src/ipmclab/model", "src/ipmclab/identification", "src/ipmclab/statespace", "src/ipmclab/fit")
+SOURCES = (
+    "src/ipmclab/model",
+    "src/ipmclab/identification",
+    "src/ipmclab/statespace",
+    "src/ipmclab/fit",
+    "src/ipmclab/prediction",
+)
 SEED = 20261122
 FREE = ("electrical", "circuit.sheet_resistance")
 WORST_DRAWN = 1.1

@@ -17,6 +17,7 @@ from ipmclab.fit.observation import Observation
 from ipmclab.fit.output_diagnosis import OutputDiagnosis
 from ipmclab.fit.practical import Practical
 from ipmclab.fit.profile import Profile
+from ipmclab.fit.unmodelled import Unmodelled
 from ipmclab.model import Actuator
 from ipmclab.run import Finding
 from ipmclab.shown import Shown
@@ -136,6 +137,8 @@ class Fit(Shown):
     known : tuple of Known
         Quantities that the readings determine, whatever they leave open of the parameters: resistances, time constants,
         static gains, bandwidths, stiffness.
+    unmodelled : mapping of output to Unmodelled
+        Relaxations that the model may lack, as far as the readings allow them; without those that it meets exactly.
     estimate : object, optional
         The solved problem itself, for what may follow (``identification.solved`` knows what it is); None in a fit that
         was read from a file.
@@ -162,6 +165,7 @@ class Fit(Shown):
     procedure: Mapping[str, Any] | None = None
     diagnoses: tuple[OutputDiagnosis, ...] = ()
     known: tuple[Known, ...] = ()
+    unmodelled: Mapping[str, Unmodelled] = field(default_factory=dict)
     estimate: object | None = field(default=None, repr=False)
 
     def __str__(self) -> str:

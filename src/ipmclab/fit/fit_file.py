@@ -17,6 +17,7 @@ from ipmclab.fit.output_diagnosis import OutputDiagnosis
 from ipmclab.fit.practical import Practical
 from ipmclab.fit.profile import Profile
 from ipmclab.fit.row_marks import RowMarks
+from ipmclab.fit.unmodelled import Unmodelled
 from ipmclab.model import Actuator, load_actuator, write_actuator
 from ipmclab.run import Finding
 from ipmclab.statespace.noise_model import NoiseModel
@@ -105,6 +106,7 @@ def fit_of(actuator: Actuator, *, where: str) -> Fit:
             procedure=table.get("procedure"),
             practical=Practical.from_table(table["practical"]) if "practical" in table else None,
             profiles={name: Profile.from_table(entry) for name, entry in table.get("profiles", {}).items()},
+            unmodelled={name: Unmodelled.from_table(entry) for name, entry in table.get("unmodelled", {}).items()},
         )
     except BadTable as error:
         raise _bad_fit(error.what, f"{where}: {error.key}") from error

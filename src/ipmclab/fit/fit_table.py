@@ -34,7 +34,11 @@ def fit_to_table(fit: Fit) -> dict[str, Any]:
         },
         **({"mountings": in_toml(fit.mountings)} if fit.mountings else {}),
         **{name: in_toml(getattr(fit, name)) for name in ("left_out", "known", "diagnoses")},
-        **{name: in_toml(one) for name in ("procedure", "practical", "profiles") if (one := getattr(fit, name))},
+        **{
+            name: in_toml(one)
+            for name in ("procedure", "practical", "profiles", "unmodelled")
+            if (one := getattr(fit, name))
+        },
         "runs": in_toml(fit.observations),
         "findings": _findings(fit.findings),
     }

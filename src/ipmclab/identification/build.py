@@ -36,6 +36,7 @@ from ipmclab.identification.uncertainty.interval import (
     with_rivals,
 )
 from ipmclab.identification.uncertainty.noise_found import drift_findings, noise_findings
+from ipmclab.identification.uncertainty.unmodelled import unmodelled
 from ipmclab.identification.undetermined.cures import fast_modes
 from ipmclab.identification.undetermined.diagnosis import (
     direction_of_one,
@@ -195,6 +196,7 @@ def build_fit(
         covariance=_covariance(asked, values, found, stated, order),
         diagnoses=diagnoses,
         known=known_quantities(actuator, points),
+        unmodelled=unmodelled(result.correlated, model, order),
         estimate=result,
     )
     fit = replace(fit, actuator=_fitted_actuator(actuator, problem, solution, fit, order))

@@ -23,7 +23,7 @@ from ipmclab.model.given import need_run
 from ipmclab.model.outputs import simulate_outputs
 from ipmclab.model.sensitivity import sensitivities
 from ipmclab.model.simulate import with_shunt
-from ipmclab.prediction.in_state import known_in_state, state_in
+from ipmclab.prediction.in_state import known_in_state, moves_in_state, state_in
 from ipmclab.prediction.known_covariance import KnownCovariance, known_of
 from ipmclab.prediction.own_of_mounting import own_of_mounting, strip_of_each_mounting
 from ipmclab.run import Hold, Run
@@ -42,7 +42,7 @@ class Bands:
     time : float array, shape (n_time,) [s]
     predicted : mapping of output to float array, shape (n_time,) [SI]
     of_parameters : mapping of output to float array, shape (n_time,) [SI]
-        Standard deviation from the parameters: of the strip's answer itself.
+        Standard deviation from the parameters, if the model is right.
     of_noise : mapping of output to float array, shape (n_time,) [SI]
         Standard deviation of the noise of a reading, as the runs of the fit had it: zero and drift of a new run are not
         known beforehand, so those of the fit count as spread.
@@ -51,6 +51,8 @@ class Bands:
     mounting : str
         Whether the band holds for the mountings of the fit (``"the fit's"``), for one that the fit never saw (``"the
         next"``), or for one of the fit with what that has for itself (``"mounting strip-7-a"``).
+    of_model : mapping of output to float array, shape (n_time,) [SI]
+        Standard deviation from relaxations that the model may lack, as far as the readings of the fit allow them.
     away : mapping of output to float array, shape (n_time,) [SI]
         How far the answer of the farthest mounting of the fit lies from what is predicted, where each has parameters of
         its own and the band holds for all of them; else empty.
@@ -62,6 +64,7 @@ class Bands:
     of_noise: Mapping[str, FloatArray]
     left_out: tuple[str, ...]
     mounting: str = "the fit's"
+    of_model: Mapping[str, FloatArray] = field(default_factory=dict)
     away: Mapping[str, FloatArray] = field(default_factory=dict)
 
     def interval(self, output: str, level: float = 0.95, *, of_readings: bool = True) -> tuple[FloatArray, FloatArray]:
@@ -94,7 +97,8 @@ class Bands:
                 repair=f"ask for {' or '.join(map(repr, self.predicted))}, or fit runs that have it",
             )
         noise = self.of_noise[output] if of_readings else 0.0
-        deviation = np.sqrt(self.of_parameters[output] ** 2 + np.square(noise))
+        model = self.of_model.get(output, 0.0)
+        deviation = np.sqrt(self.of_parameters[output] ** 2 + np.square(model) + np.square(noise))
         reach = float(ndtri(0.5 + 0.5 * level)) * deviation
         return np.asarray(reach + self.away[output] if output in self.away else reach)
 
@@ -160,7 +164,8 @@ def prediction_bands(fit: Fit, run: Run) -> Bands:
     if others:
         noise = {output: noise_between(fit, output, noise[output]) for output in outputs}
     held = "the next" if others else f"mounting {mounting}" if own else "the fit's"
-    return Bands(run.time, predicted, deviation, noise, _left_out(fit, mounting), held, away)
+    model = standard_error_of_model(fit, mounting, strip, drive, outputs)
+    return Bands(run.time, predicted, deviation, noise, _left_out(fit, mounting), held, model, away)
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,6 +196,21 @@ class Drive:
             delay=self.delay,
         )
 
+    def derivatives(self, actuator: Actuator, names: Sequence[str], outputs: Sequence[str]) -> FloatArray:
+        """Of what an actuator answers by some parameters, shape (n_output, n_time, n_names)."""
+        found = sensitivities(
+            self.of(actuator),
+            names,
+            self.time,
+            self.voltage,
+            self.hold,
+            outputs=outputs,
+            initial_state=self.initial_state or None,
+            delay=self.delay,
+            asked=(),
+        )
+        return np.asarray(found.parameters)
+
 
 def noise_outputs(fit: Fit) -> list[str]:
     """The outputs that a fit read, of whose noise it knows."""
@@ -217,19 +237,46 @@ def standard_error_of(
     names, covariance = known.names, known.covariance
     if drive.state is not None:
         names, covariance = known_in_state(known, actuator, drive.state, drive.rates)
-    found = sensitivities(
-        drive.of(actuator),
-        names,
-        drive.time,
-        drive.voltage,
-        drive.hold,
-        outputs=outputs,
-        initial_state=drive.initial_state or None,
-        delay=drive.delay,
-        asked=(),
-    )
-    variances = np.einsum("kij,jl,kil->ki", found.parameters, covariance, found.parameters)
+    found = drive.derivatives(actuator, names, outputs)
+    variances = np.einsum("kij,jl,kil->ki", found, covariance, found)
     return dict(zip(outputs, np.sqrt(np.maximum(variances, 0.0)), strict=True))
+
+
+def standard_error_of_model(
+    fit: Fit, mounting: str | None, actuator: Actuator, drive: Drive, outputs: Sequence[str]
+) -> dict[str, FloatArray]:
+    """Standard deviation of each output from what the model of a fit may lack, in a new run [SI].
+
+    Of an output without any it is nothing. What another run or mounting has for itself, this one has not.
+
+    Parameters
+    ----------
+    fit : Fit
+    mounting : str or None
+        As the run names it.
+    actuator : Actuator
+        As it was simulated.
+    drive : Drive
+    outputs : sequence of str
+    """
+    own = ending_of(mounting) if mounting else None
+    found = {output: np.zeros(len(drive.time)) for output in outputs}
+    for output in fit.unmodelled.keys() & found.keys():
+        one = fit.unmodelled[output]
+        moved: dict[str, tuple[float, ...]] = {}
+        for name, values in one.moved.items():
+            base, bracket, rest = name.partition("[")
+            if (base in actuator.parameter_values or base in drive.rates) and bracket + rest in ("", own):
+                moved[base] = values
+        names, columns = tuple(moved), np.array(list(moved.values())).reshape(len(moved), -1)
+        if drive.state is not None:
+            names, moves = moves_in_state(names, actuator, drive.state, drive.rates)
+            columns = moves.T @ columns
+        missed = one.answers(drive.time, drive.voltage)
+        if names:
+            missed = missed + columns.T @ drive.derivatives(actuator, names, [output])[0].T
+        found[output] = np.sqrt(np.sum(missed**2, axis=0))
+    return found
 
 
 def standard_error_here(

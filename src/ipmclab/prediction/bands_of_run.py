@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -23,6 +24,7 @@ from ipmclab.prediction.bands import (
     noise_outputs,
     standard_error_here,
     standard_error_of,
+    standard_error_of_model,
     standard_error_of_next,
 )
 from ipmclab.prediction.in_state import state_in
@@ -30,6 +32,8 @@ from ipmclab.prediction.own_of_mounting import mountings_of_fit, own_names_of_mo
 from ipmclab.run import Finding, Run
 
 FloatArray = npt.NDArray[np.float64]
+
+_LONGER: Final = 1.1  # times as long as the longest run of the fit, from which a run is called longer (convention)
 
 
 def band_of_run(
@@ -80,6 +84,9 @@ def band_of_run(
             deviation = standard_error_of_next(fit, strips, model, drive, predicted)
         else:
             deviation, away = standard_error_here(fit, run.metadata.mounting_id, model, drive, predicted, mountings)
+    lacking = {}
+    if place is None:  # what the model misses in a run of the fit is in the noise of that run
+        lacking = standard_error_of_model(fit, run.metadata.mounting_id, model, drive, outputs)
     since = run.time - run.time[0]
     observed = fit.observations if place is None else [fit.observations[place]]
     found = {}
@@ -89,7 +96,7 @@ def band_of_run(
         noise = noise_of(of_these, output, since, level=level, drift=place is None)
         if others:
             noise = noise_between(fit, output, noise)
-        found[output] = NORMAL_95 * np.hypot(deviation[output], noise)
+        found[output] = NORMAL_95 * np.hypot(np.hypot(deviation[output], lacking.get(output, 0.0)), noise)
         if output in away:
             found[output] += away[output]
     return found
@@ -116,6 +123,26 @@ def another_mounting(fit: Fit, run: Run, label: str) -> list[Finding]:
             "warning",
             f"{said}: how far another mounting lies from these cannot be estimated, and the band does not contain it",
             "identify from three mountings of the strip or more",
+        )
+    ]
+
+
+def longer_than_fit(fit: Fit, run: Run, label: str) -> list[Finding]:
+    """That a new run is longer under voltage than every run of the fit, so that nothing showed what comes last."""
+    seen = max((one.seen for output, one in fit.unmodelled.items() if output in run.channels), default=0.0)
+    on = np.flatnonzero(run.voltage)
+    lasts = float(run.time[-1] - run.time[on[0]]) if len(on) else 0.0
+    if not 0.0 < _LONGER * seen < lasts or place_in(fit, run) is not None:
+        return []
+    return [
+        Finding(
+            "longer-than-fit",
+            "info",
+            f"{label} lasts {lasts:.3g} s from its first voltage on, the longest run of the fit {seen:.3g} s: beyond "
+            "that, what the model may lack is estimated from the time before, and what the strip does only later is "
+            "not in its band",
+            "fit a run that is as long",
+            values={"lasts": lasts, "seen": seen},
         )
     ]
 

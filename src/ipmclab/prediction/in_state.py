@@ -3,7 +3,7 @@ doubts."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -19,7 +19,7 @@ from ipmclab.prediction.known_covariance import KnownCovariance
 from ipmclab.run import Finding, Run
 from ipmclab.strip_state.dose import dose_now
 from ipmclab.strip_state.doubtful import doubtful, extrapolated
-from ipmclab.strip_state.in_state import in_state
+from ipmclab.strip_state.in_state import InState, in_state
 from ipmclab.strip_state.run_state import RunState
 from ipmclab.strip_state.state_of_run import says_environment, state_of
 
@@ -125,12 +125,40 @@ def known_in_state(
     names : tuple of str
     covariance : float array, shape (n_names, n_names) [SI]
     """
-    own = [name for name in known.names if not name.startswith(AGE)]
-    there = in_state(actuator.parameter_values, state, own, water=state.found, rates=rates)
-    nothing = np.zeros(len(there.names))
-    rows = dict(zip(own, there.by, strict=True)) | {name: there.by_rate.get(name, nothing) for name in rates}
-    moves = np.array([rows.get(name, nothing) for name in known.names]).reshape(len(known.names), len(there.names))
+    there, moves = _there(known.names, actuator, state, rates)
     covariance = moves.T @ known.covariance @ moves
     if state.found is None:  # else it is a run of the fit, whose readings say how wet the strip was
         covariance += np.outer(there.by_water, there.by_water) * state.standard_uncertainty**2
     return there.names, covariance
+
+
+def moves_in_state(
+    names: Sequence[str], actuator: Actuator, state: RunState, rates: Mapping[str, float]
+) -> tuple[tuple[str, ...], FloatArray]:
+    """How the parameters of a strip in a state move with those of the reference state, laws and rates among them.
+
+    Parameters
+    ----------
+    names : sequence of str
+    actuator : Actuator
+        As it is in the reference state.
+    state : RunState
+    rates : mapping of name to float
+
+    Returns
+    -------
+    there : tuple of str
+    moves : float array, shape (n_names, n_there)
+    """
+    there, moves = _there(names, actuator, state, rates)
+    return there.names, moves
+
+
+def _there(
+    names: Sequence[str], actuator: Actuator, state: RunState, rates: Mapping[str, float]
+) -> tuple[InState, FloatArray]:
+    own = [name for name in names if not name.startswith(AGE)]
+    there = in_state(actuator.parameter_values, state, own, water=state.found, rates=rates)
+    nothing = np.zeros(len(there.names))
+    rows = dict(zip(own, there.by, strict=True)) | {name: there.by_rate.get(name, nothing) for name in rates}
+    return there, np.array([rows.get(name, nothing) for name in names]).reshape(len(names), len(there.names))

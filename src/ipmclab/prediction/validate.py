@@ -28,7 +28,7 @@ from ipmclab.model import Actuator
 from ipmclab.model.given import need_actuator, need_each_once, need_run
 from ipmclab.model.stages.laser import blank_lost
 from ipmclab.model.validity import validity
-from ipmclab.prediction.bands_of_run import another_mounting, band_of_run, own_mounting, place_in
+from ipmclab.prediction.bands_of_run import another_mounting, band_of_run, longer_than_fit, own_mounting, place_in
 from ipmclab.prediction.in_state import environment_of_run, state_in
 from ipmclab.prediction.open_coupling import open_coupling
 from ipmclab.prediction.own_of_mounting import own_of_mounting
@@ -164,7 +164,10 @@ def validate(actuator: Actuator | Fit, runs: Sequence[Run] | Run, *, used: Itera
         one = one if one.used_in_fit else replace(one, rows_in_fit=shared_rows(marks, run))
         done.append(one)
         findings += said_of_run(one)
-        findings += [*own_mounting(fit, run, label), *another_mounting(fit, run, label)] if fit is not None else []
+        if fit is not None:
+            findings += own_mounting(fit, run, label)
+            findings += another_mounting(fit, run, label)
+            findings += longer_than_fit(fit, run, label)
         findings += [] if one.used_in_fit else environment_of_run(fit, actuator, run, label)
     pooled = {
         output: _pooled(output, [(place, one) for place, one in enumerate(done) if output in one.comparisons])

@@ -1,0 +1,103 @@
+"""What a strip may do that the model of a fit lacks: relaxations of any time constant, as far as its readings allow."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.tabled import Tabled
+
+FloatArray = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Unmodelled(Tabled):
+    """Relaxations that may be missing to the model of one output, and how the parameters moved to make up for them.
+
+    Independent errors of the model, each of standard deviation one: the j-th adds ``amplitudes[j][k]`` of the voltage
+    behind a lag of ``time_constants[k]`` to the output, and parameter ``name`` is ``moved[name][j]`` away from where it
+    would be without it.
+
+    Parameters
+    ----------
+    time_constants : tuple of float [s]
+    amplitudes : tuple of tuple of float [SI/V]
+    moved : mapping of name to tuple of float [SI]
+    seen : float [s]
+        How long the longest run of the fit is from its first voltage on.
+    """
+
+    time_constants: tuple[float, ...]
+    amplitudes: tuple[tuple[float, ...], ...]
+    moved: Mapping[str, tuple[float, ...]]
+    seen: float
+
+    def answers(self, time: FloatArray, voltage: FloatArray) -> FloatArray:
+        """What each error of the model adds to the output by itself, shape (n_errors, n_time) [SI]."""
+        lags = lagged(time, voltage, np.array(self.time_constants))
+        return np.asarray(np.array(self.amplitudes).reshape(-1, len(self.time_constants)) @ lags)
+
+    @classmethod
+    def from_table(cls, table: Mapping[str, Any]) -> Unmodelled:
+        """From what ``to_table`` gave.
+
+        Raises
+        ------
+        ValueError
+            A time constant that is none, a number that is not finite, rows of unequal lengths.
+        """
+        constants = _numbers(table["time_constants"])
+        amplitudes = tuple(_numbers(row) for row in table["amplitudes"])
+        moved = {str(name): _numbers(row) for name, row in table["moved"].items()}
+        (seen,) = _numbers([table["seen"]])
+        if not all(one > 0.0 for one in constants):
+            raise ValueError("a time constant of fit.unmodelled is not above 0")
+        if any(len(row) != len(constants) for row in amplitudes) or any(
+            len(row) != len(amplitudes) for row in moved.values()
+        ):
+            raise ValueError("rows of fit.unmodelled have unequal lengths")
+        return cls(constants, amplitudes, moved, seen)
+
+
+def lagged(time: FloatArray, voltage: FloatArray, time_constants: FloatArray) -> FloatArray:
+    """The voltage behind lags of the first order, from rest, shape (n_time_constants, n_time) [V].
+
+    Each value of the voltage lasts until the next row.
+
+    Parameters
+    ----------
+    time : float array, shape (n_time,) [s]
+    voltage : float array, shape (n_time,) [V]
+    time_constants : float array, shape (n_time_constants,) [s]
+
+    Examples
+    --------
+    >>> lagged(np.array([0.0, 1.0, 2.0]), np.ones(3), np.array([1.0 / np.log(2.0)])).round(6).tolist()
+    [[0.0, 0.5, 0.75]]
+    """
+    found = np.zeros((len(time_constants), len(time)))
+    steps = np.diff(time)
+    if len(steps) and np.ptp(steps) <= 1e-6 * steps[0]:
+        from ipmclab.statespace.kernels import continued  # compiled: who only reads a fit needs none of it
+
+        rest, driven = np.zeros(1), np.asarray(voltage[:-1], dtype=np.float64)
+        for row, kept in zip(found, np.exp(-steps[0] / time_constants), strict=True):
+            row[1:] = continued(np.array([kept]), rest, (1.0 - kept) * driven)
+        return found
+    state = np.zeros(len(time_constants))
+    for place, (step, value) in enumerate(zip(steps.tolist(), voltage.tolist(), strict=False), 1):
+        state = value + np.exp(-step / time_constants) * (state - value)
+        found[:, place] = state
+    return found
+
+
+def _numbers(values: Any) -> tuple[float, ...]:
+    found = tuple(float(one) for one in values)
+    if not all(map(math.isfinite, found)):
+        raise ValueError("fit.unmodelled holds a number that is not finite")
+    return found

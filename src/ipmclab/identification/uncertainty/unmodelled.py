@@ -1,0 +1,194 @@
+r"""How much a strip may do that the model of a fit lacks: what the readings of the fit themselves allow.
+
+No model of a strip is complete. What it lacks answers the voltage too, and is taken as relaxations of all time
+constants :math:`\tau`: the readings are
+
+.. math:: y = \eta(\theta) + G a + \varepsilon, \qquad a_\tau \sim N\bigl(0,\ s^2\,(T/\tau)\,d\ln\tau\bigr),
+
+where :math:`G` is the voltage behind the lags, :math:`\varepsilon` the noise that was found and :math:`T` the length of
+the record from its first voltage on. The spectrum is that of diffusion (a Warburg impedance). With :math:`\theta` as it
+is best for each :math:`a`, the readings say of the size :math:`s` what their restricted likelihood says (stochastic
+embedding: Goodwin, Gevers and Ninness 1992). Beforehand it is as likely as not that nothing is lacking; if something
+is, :math:`s` is about as large as what the fitted strip itself relaxes by, in the root mean square over logarithms of
+time (a half normal distribution).
+
+Averaged over :math:`s`, the readings leave :math:`E[a a']`. The parameters have made up for :math:`a` by :math:`-K a`
+with :math:`K = (J' V^{-1} J)^{-1} J' V^{-1} G`, so that a prediction is off by :math:`(G_{new} - J_{new} K)\,a`. Within
+the time that the record shows, its readings hold this down; beyond, it grows. Where slow relaxations do not follow the
+voltage, it hardly shows.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from ipmclab.fit.unmodelled import Unmodelled, lagged
+from ipmclab.identification.noise.correlate import Correlated
+from ipmclab.identification.noise.pieces import directions_of
+from ipmclab.model import Actuator
+from ipmclab.model.order import Order
+from ipmclab.model.outputs import simulate_outputs
+from ipmclab.run import FloatArray
+from ipmclab.statespace.columns import steps_between, whitened
+from ipmclab.statespace.terms import state_space
+
+_APART: Final = 10.0**0.5  # between neighbouring time constants: two to a decade imitate any between them (convention)
+_LONGEST: Final = 10.0  # times as long as the record: slower ones are straight lines in it, and look alike (a limit)
+_SIZES: Final = np.geomspace(1e-3, 4.0, 40)  # of s over what it is at most beforehand (convention)
+_NEGLIGIBLE: Final = 1e-6  # of the variance of the amplitudes, that a further direction of theirs adds (convention)
+
+
+def unmodelled(correlated: Correlated, model: Actuator, order: Order) -> dict[str, Unmodelled]:
+    """What the model may lack of each output, where its readings allow anything.
+
+    Parameters
+    ----------
+    correlated : Correlated
+        The solution, and the noise found in its residuals.
+    model : Actuator
+        As it was fitted, in the reference state.
+    order : Order
+        What the parameters are called.
+    """
+    found = {}
+    for output in dict.fromkeys(output for _, output in correlated.problem.pieces):
+        one = _of_output(correlated, model, order, output)
+        if one is not None:
+            found[output] = one
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class _Readings:
+    """All readings as independent rows of variance one, what the parameters can imitate in front, as a triangle.
+
+    Parameters
+    ----------
+    triangle : float array, shape (n_directions + n_lags + 1, n_directions + n_lags + 1)
+        Directions of the parameters, lags, and last what the model missed.
+    directions : float array, shape (n_unknown, n_directions)
+    driven : int
+        Readings under voltage.
+    """
+
+    triangle: FloatArray
+    directions: FloatArray
+    driven: int
+
+    def moved(self) -> FloatArray:
+        """By how much each direction makes up for each lag, shape (n_directions, n_lags)."""
+        count = self.directions.shape[1]
+        return np.asarray(
+            np.linalg.lstsq(self.triangle[:count, :count], self.triangle[:count, count:-1], rcond=None)[0]
+        )
+
+    def moments(self, most: float) -> FloatArray:
+        """What the readings leave of the amplitudes of the lags, ``E[a a']``: of sizes up to about the most."""
+        count = self.directions.shape[1]
+        left, missed = self.triangle[count:, count:-1], self.triangle[count:, -1]
+        turned, size, along = np.linalg.svd(left, full_matrices=False)
+        shown = turned.T @ missed
+        rest = max(float(missed @ missed - shown @ shown), 0.0)
+        freedom = max(self.driven - count, 1)
+        sizes = np.append(0.0, most * _SIZES)
+        shares = 1.0 + np.square(np.outer(sizes, size))
+        variances = (rest + np.sum(shown**2 / shares, axis=1)) / freedom
+        likelihood = -0.5 * (freedom * np.log(np.maximum(variances, 1e-300)) + np.sum(np.log(shares), axis=1))
+        # Sizes lie evenly in their logarithm: each stands for as much as it is large.
+        beforehand = np.exp(-0.5 * _SIZES**2) * _SIZES
+        beforehand = np.append(1.0, beforehand / beforehand.sum())  # as likely as not, nothing
+        weight = np.exp(likelihood - likelihood.max()) * beforehand
+        weight /= weight.sum()
+        total = np.zeros((len(size), len(size)))
+        for part, own, variance, share in zip(weight, sizes, variances, shares, strict=True):
+            mean = own**2 * size * shown / share
+            total += part * (own**2 * variance * np.diag(1.0 / share) + np.outer(mean, mean))
+        return np.asarray(along.T @ total @ along)
+
+
+def _of_output(correlated: Correlated, model: Actuator, order: Order, output: str) -> Unmodelled | None:
+    problem, theta = correlated.problem, correlated.solution.theta
+    records = [problem.record_at(place) for place, name in problem.pieces if name == output]
+    seen, largest = 0.0, 0.0
+    for record in records:
+        on = np.flatnonzero(record.run.voltage)
+        if len(on):
+            seen = max(seen, float(record.run.time[-1] - record.run.time[on[0]]))
+            largest = max(largest, float(np.abs(record.run.voltage).max()))
+    step = min(record.step for record in records)
+    if not seen > 2.0 * step:
+        return None
+    count = int(np.ceil(np.log(_LONGEST * seen / step) / np.log(_APART))) + 1
+    constants: FloatArray = step * np.power(_APART, np.arange(count))
+    spread = np.asarray(np.sqrt(np.log(_APART) * seen / constants), dtype=np.float64)
+    most = _relaxes_by(model, output, largest, step, seen)
+    readings = _readings(correlated, output, constants, spread)
+    if readings is None or not most > 0.0:
+        return None
+    values, vectors = np.linalg.eigh(readings.moments(most))
+    kept = values > _NEGLIGIBLE * values.sum()
+    if not kept.any() or not np.isfinite(values).all():
+        return None
+    factors = vectors[:, kept] * np.sqrt(values[kept])
+    entries = -readings.directions @ readings.moved() @ factors
+    moved = {
+        order(unknown.name): tuple((unknown.chain(unknown.value(float(theta[place]))) * entries[place]).tolist())
+        for place, unknown in problem.asked
+    }
+    amplitudes = (spread[:, None] * factors).T
+    return Unmodelled(tuple(constants.tolist()), tuple(map(tuple, amplitudes.tolist())), moved, seen)
+
+
+def _relaxes_by(model: Actuator, output: str, voltage: float, step: float, seen: float) -> float:
+    """Root mean square, over logarithms of time, of how the answer to a step relaxes, as s counts it [SI/V]."""
+    time = step * np.arange(round(seen / step) + 1)
+    answer = simulate_outputs(model, time, np.full(len(time), voltage), "zero", outputs=[output])[0] / voltage
+    places = np.geomspace(step, time[-1], 8 * max(round(np.log2(time[-1] / step)), 1))
+    rates = np.diff(np.interp(places, time, answer)) / np.diff(np.log(places))
+    found = float(np.sqrt(np.mean(rates**2 * np.sqrt(places[1:] * places[:-1]) / seen)))
+    return found if np.isfinite(found) else 0.0
+
+
+def _readings(correlated: Correlated, output: str, constants: FloatArray, spread: FloatArray) -> _Readings | None:
+    """All readings, with the lags in those of one output."""
+    problem, here = correlated.problem, correlated.solution.evaluation
+    directions = directions_of(here)
+    known, count = directions.shape[1], len(constants)
+    rows = np.vstack([directions.T @ here.rows[:-1], np.zeros((count, here.rows.shape[1])), here.rows[-1:]])
+    others = np.ones(rows.shape[1], dtype=bool)
+    stacked, driven = [], 0
+    for key, piece in problem.pieces.items():
+        if key[1] != output:
+            continue
+        record, reading = problem.record_at(key[0]), problem.record_at(key[0]).readings[output]
+        lags = spread[:, None] * lagged(record.run.time, record.run.voltage, constants)
+        if reading.weights is not None:
+            lags = lags * reading.weights
+        rows[known:-1, piece] = problem.whitened(key, lags[:, reading.used] / problem.noise[key])
+        under = (np.flatnonzero(reading.used) >= record.resting) & reading.exact_of_used
+        others[piece] = ~under
+        own = rows[:, piece][:, under].T
+        if not len(own):
+            continue
+        shape = None if correlated.is_weighted else correlated.shapes.get(key)
+        if shape is None:
+            variance = float(np.mean(own[:, -1] ** 2))
+        else:
+            steps = steps_between(record.run.time[reading.used][under], record.step)
+            own, variance = whitened(state_space(shape.terms, shape.entries), own, steps)[0], shape.variance
+        if not variance > 0.0:
+            return None  # readings that the model meets exactly
+        stacked.append(own / np.sqrt(variance))
+        driven += len(own)
+    if driven <= known + 1:
+        return None
+    every = np.vstack([*stacked, rows[:, others].T])
+    if not np.isfinite(every).all():
+        return None
+    triangle = np.zeros((known + count + 1, known + count + 1))
+    found = np.linalg.qr(every, mode="r")
+    triangle[: len(found)] = found
+    return _Readings(triangle, directions, driven)
