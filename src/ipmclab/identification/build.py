@@ -148,9 +148,12 @@ def build_fit(
     for one in result.unseen:
         for unknown in one.unknowns:
             fitted[order(unknown.name)] = _unseen_parameter(unknown, order, problem.base[unknown.base], parameters)
-    in_file = list(actuator.parameter_values)
-    fitted = dict(sorted(fitted.items(), key=lambda item: _file_place(item[0], in_file)))
-    renamed = [_rename_direction(direction, order) for direction in open_directions]
+    in_file = {name: place for place, name in enumerate(actuator.parameter_values)}
+    fitted = {name: fitted[name] for name in sorted(fitted, key=lambda n: (in_file.get(n.split("[")[0], math.inf), n))}
+    renamed = [
+        replace(d, coefficients={order(n): c for n, c in d.coefficients.items()}, sentence=order(d.sentence))
+        for d in open_directions
+    ]
     named = tuple(in_order(renamed, list(fitted)))
     named += tuple(
         Direction(
@@ -256,19 +259,6 @@ def _unit(base: str) -> str:
         return Age.of(base).unit
     unit = CHANNELS[base.rsplit(".", 1)[1]].unit
     return unit if base.startswith("observation.offset") else f"{unit}/s"
-
-
-def _rename_direction(direction: Direction, order: Order) -> Direction:
-    return replace(
-        direction,
-        coefficients={order(name): value for name, value in direction.coefficients.items()},
-        sentence=order(direction.sentence),
-    )
-
-
-def _file_place(name: str, names: Sequence[str]) -> tuple[int, str]:
-    base = name.split("[")[0]
-    return (names.index(base) if base in names else len(names), name)
 
 
 def _correlations(

@@ -211,9 +211,18 @@ def _identify(
     result = estimate(actuator, names, records)
     if kept:
         first_answer(lambda: build_fit(actuator, given, result, (), followed=False))
-    diagnoses, lacking = _what_it_lacks(actuator, names, result) if diagnosed else ((), ())
+    diagnoses: tuple[OutputDiagnosis, ...] = ()
+    lacking: Sequence[Finding] = ()
+    if diagnosed:
+        stage("asking what the model lacks", 0.75, 0.8)
+        try:
+            diagnoses, lacking = diagnose(actuator, names, result)
+        except KeyboardInterrupt:  # who does not want to wait keeps the fit
+            lacking = (NO_STAGES,)
+    unseen = {unknown.base for one in result.unseen for unknown in one.unknowns}
+    growing: GrowingLeak = "hidden" if SLOW_TIME in unseen else "shown"
     with unreported():
-        of_records = findings_of_records(records, found, _growing_leak(actuator, result))
+        of_records = findings_of_records(records, found, growing if actuator.structure.slow_leak else "none")
     findings = (*of_records, *left_out, *result.findings, *lacking)
     try:
         stage("errors and intervals", 0.8, 1.0)
@@ -264,22 +273,3 @@ def environment_findings(actuator: Actuator, runs: Sequence[Run], fit: Fit, resu
     problem, solution = result.correlated.problem.plain, result.correlated.solution
     held = water_contradicted(problem, solution)
     return [*doubts, *held, *inseparable(problem, solution), *next_condition(fit, problem, solution)]
-
-
-def _what_it_lacks(
-    actuator: Actuator, names: FreeParameters, result: Estimate
-) -> tuple[tuple[OutputDiagnosis, ...], Sequence[Finding]]:
-    """What the fit leaves, and the stages that would explain it; who does not want to wait keeps the fit."""
-    try:
-        stage("asking what the model lacks", 0.75, 0.8)
-        return diagnose(actuator, names, result)
-    except KeyboardInterrupt:
-        return (), (NO_STAGES,)
-
-
-def _growing_leak(actuator: Actuator, result: Estimate) -> GrowingLeak:
-    """Whether the model has a leak that grows, and the readings show it."""
-    if not actuator.structure.slow_leak:
-        return "none"
-    unseen = {unknown.base for one in result.unseen for unknown in one.unknowns}
-    return "hidden" if SLOW_TIME in unseen else "shown"
