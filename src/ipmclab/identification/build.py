@@ -51,7 +51,6 @@ from ipmclab.identification.undetermined.practical import practical
 from ipmclab.model import Actuator
 from ipmclab.model.environment.age import AGE, Age
 from ipmclab.model.order import Order
-from ipmclab.model.parameters import Parameter
 from ipmclab.named_matrix import Table, table_of
 from ipmclab.run import Finding, FloatArray, Run
 from ipmclab.units import CHANNELS
@@ -145,9 +144,18 @@ def build_fit(
             at_bound=at_bound,
             prior=unknown.beforehand,
         )
-    for one in result.unseen:
-        for unknown in one.unknowns:
-            fitted[order(unknown.name)] = _unseen_parameter(unknown, order, problem.base[unknown.base], parameters)
+    for unknown in (unknown for one in result.unseen for unknown in one.unknowns):
+        # A parameter of a stage that the readings do not show may be anything.
+        name, declared = order(unknown.name), parameters[order(unknown.base)]
+        fitted[name] = FittedParameter(
+            name=name,
+            value=problem.base[unknown.base],
+            unit=declared.unit,
+            symbol=declared.symbol,
+            standard_error=math.inf,
+            interval=open_ends(unknown),
+            determined=False,
+        )
     in_file = {name: place for place, name in enumerate(actuator.parameter_values)}
     fitted = {name: fitted[name] for name in sorted(fitted, key=lambda n: (in_file.get(n.split("[")[0], math.inf), n))}
     renamed = [
@@ -224,22 +232,6 @@ def _points(
         problem, solution = result.with_unseen.problem, result.with_unseen.solution
         points.append(Point(problem, solution.theta, uncertainty(result.with_unseen, stated, exact), stated))
     return points
-
-
-def _unseen_parameter(
-    unknown: Unknown, order: Order, value: float, parameters: Mapping[str, Parameter]
-) -> FittedParameter:
-    """A parameter of a stage that the readings do not show: it may be anything."""
-    declared = parameters[order(unknown.base)]
-    return FittedParameter(
-        name=order(unknown.name),
-        value=value,
-        unit=declared.unit,
-        symbol=declared.symbol,
-        standard_error=math.inf,
-        interval=open_ends(unknown),
-        determined=False,
-    )
 
 
 def _exact_names(actuator: Actuator, problem: Problem, taken: set[str]) -> list[str]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 from ipmclab.consistency.of_fit import with_cross_checks
@@ -31,7 +31,7 @@ from ipmclab.identification.estimate import estimate
 from ipmclab.identification.mountings.mountings import differ, each_mounting, with_mountings
 from ipmclab.identification.of_records import NOISE, GrowingLeak, findings_of_records, left_out_of
 from ipmclab.identification.problem.earlier_fit import as_read_before, fitted_runs
-from ipmclab.identification.problem.free import FreeParameters, Prior, parse_free
+from ipmclab.identification.problem.free import FreeParameters, parse_free
 from ipmclab.identification.problem.priors import prior_findings, with_priors
 from ipmclab.identification.problem.record import disambiguated, places_of_mountings, prepare
 from ipmclab.identification.search.another_coupling import motion_of_another_coupling
@@ -214,8 +214,8 @@ def _identify(
     diagnoses: tuple[OutputDiagnosis, ...] = ()
     lacking: Sequence[Finding] = ()
     if diagnosed:
-        stage("asking what the model lacks", 0.75, 0.8)
         try:
+            stage("asking what the model lacks", 0.75, 0.8)
             diagnoses, lacking = diagnose(actuator, names, result)
         except KeyboardInterrupt:  # who does not want to wait keeps the fit
             lacking = (NO_STAGES,)
@@ -237,7 +237,13 @@ def _identify(
     if names.priors:
         order = Order(result.problem.in_reference(result.solution.theta, result.problem.records[0].place))
         priors = {order(name): prior for name, prior in names.priors.items()}
-        fit = _of_literature(fit, priors)
+        # Marked of which only the literature was known beforehand.
+        of_literature = {
+            name: replace(one, prior_of_literature=True)
+            for name, one in fit.parameters.items()
+            if one.prior is not None and priors[name.partition("[")[0]].of_literature
+        }
+        fit = changed(fit, parameters={**fit.parameters, **of_literature}) if of_literature else fit
         if NO_PROFILES in fit.findings:
             return with_findings(fit, beyond)
         try:
@@ -249,17 +255,6 @@ def _identify(
                 raise
             beyond.append(NO_COMPARISON)
     return with_findings(fit, beyond)
-
-
-def _of_literature(fit: Fit, priors: Mapping[str, Prior]) -> Fit:
-    """The fit, with the parameters marked of which only the literature was known beforehand."""
-    parameters = {
-        name: replace(one, prior_of_literature=True)
-        if one.prior is not None and priors[name.partition("[")[0]].of_literature
-        else one
-        for name, one in fit.parameters.items()
-    }
-    return changed(fit, parameters=parameters) if parameters != fit.parameters else fit
 
 
 def environment_findings(actuator: Actuator, runs: Sequence[Run], fit: Fit, result: Estimate) -> list[Finding]:

@@ -18,6 +18,12 @@ OBSERVATION_NAMES: Final = tuple(f"observation.{what}.{one}" for what in ("offse
 """What a run's observation can have freed by name; its delay and its start are decided from the data."""
 
 _PLACE = re.compile(r"\[\d+\]$")
+_OF_LAWS: Final = (
+    REFERENCE_CONTENT,
+    REFERENCE_TEMPERATURE,
+    PERCOLATION,
+    SITES,
+)  # of hydration: what laws follow a fit may free
 
 
 def is_named(base: str) -> bool:
@@ -191,9 +197,6 @@ def parse_free(
         observation=tuple(n for n in OBSERVATION_NAMES if n in shared or n in own),
         age=tuple(sorted(n for n in shared if n.startswith(AGE))),
     )
-
-
-_OF_LAWS: Final = (REFERENCE_CONTENT, REFERENCE_TEMPERATURE, PERCOLATION, SITES)
 
 
 def names_of(known: Iterable[str], given: str | Iterable[str], where: str) -> set[str]:

@@ -52,23 +52,16 @@ def unmodelled(correlated: Correlated, model: Actuator, order: Order) -> dict[st
     order : Order
         What the parameters are called.
     """
-    found = {}
-    for output in dict.fromkeys(output for _, output in correlated.problem.pieces):
-        one = _of_output(correlated, model, order, output)
-        if one is not None:
-            found[output] = one
-    return found
+    outputs = dict.fromkeys(output for _, output in correlated.problem.pieces)
+    return {name: one for name in outputs if (one := _of_output(correlated, model, order, name)) is not None}
 
 
 def _of_output(correlated: Correlated, model: Actuator, order: Order, output: str) -> Unmodelled | None:
     problem, theta = correlated.problem, correlated.solution.theta
     records = [problem.record_at(place) for place, name in problem.pieces if name == output]
-    seen, largest = 0.0, 0.0
-    for record in records:
-        on = np.flatnonzero(record.run.voltage)
-        if len(on):
-            seen = max(seen, float(record.run.time[-1] - record.run.time[on[0]]))
-            largest = max(largest, float(np.abs(record.run.voltage).max()))
+    on = [(record.run.time, np.flatnonzero(record.run.voltage)) for record in records]
+    seen = max((float(time[-1] - time[rows[0]]) for time, rows in on if len(rows)), default=0.0)
+    largest = max(float(np.abs(record.run.voltage).max()) for record in records)
     step = min(record.step for record in records)
     if not seen > 2.0 * step:
         return None

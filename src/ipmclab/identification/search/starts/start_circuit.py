@@ -126,12 +126,8 @@ def _locate(records: Sequence[PreparedRun], record: PreparedRun, branches: int, 
     best = int(np.argmin(costs))
     readings = sum(int(np.count_nonzero(r.readings["current"].exact)) for r in records)
     allowed = costs <= costs[best] * (1.0 + _SAME_COST / readings)
-    first = last = best
-    while first > 0 and allowed[first - 1]:
-        first -= 1
-    while last < len(steps) - 1 and allowed[last + 1]:
-        last += 1
-    chosen = np.arange(first, last + 1)
+    stretches = np.split(np.arange(len(steps)), 1 + np.flatnonzero(np.diff(allowed)))
+    chosen = next(stretch for stretch in stretches if best in stretch)
     if series is not None:
         total = series + record.series_resistance
         physical = [place for place in chosen if elements(total, admittance_of(tried[place])).is_physical()]
