@@ -18,12 +18,7 @@ OBSERVATION_NAMES: Final = tuple(f"observation.{what}.{one}" for what in ("offse
 """What a run's observation can have freed by name; its delay and its start are decided from the data."""
 
 _PLACE = re.compile(r"\[\d+\]$")
-_OF_LAWS: Final = (
-    REFERENCE_CONTENT,
-    REFERENCE_TEMPERATURE,
-    PERCOLATION,
-    SITES,
-)  # of hydration: what laws follow a fit may free
+_OF_LAWS: Final = (REFERENCE_CONTENT, REFERENCE_TEMPERATURE, PERCOLATION, SITES)  # they move more than the water
 
 
 def is_named(base: str) -> bool:
