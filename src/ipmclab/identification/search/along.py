@@ -17,7 +17,7 @@ from ipmclab.identification.search.descent import on_every_row, shorter
 from ipmclab.identification.search.solve import Pinned, Solution, descend
 from ipmclab.identification.search.tangent import entry_errors
 from ipmclab.identification.search.valleys import AS_GOOD, EVALUATIONS, NEAR, WEAK, Place, Valley
-from ipmclab.model.declared import is_of_circuit
+from ipmclab.model.declared import MOTION, in_group, is_of_circuit
 from ipmclab.model.stages.circuit import DC, SERIES, slowest_branch
 from ipmclab.model.stages.coupling import GAIN, ZERO
 from ipmclab.model.stages.leak import SLOW_TIME
@@ -60,7 +60,7 @@ def along_valleys(problem: Problem, solution: Solution, walked: Valley | None = 
     delays = [unknown for unknown in problem.unknowns if unknown.base == "observation.delay"]
     alone = [delay for delay in delays if (delay.place, "current") not in problem.readings]
     edges = max(alone, key=lambda delay: errors[delay.name], default=None)
-    if edges is not None and any(name.startswith("coupling.") for name in errors):
+    if edges is not None and in_group(MOTION, errors):
         found += held_at(problem, solution, edges.name, [edges.value(row) for row in _ROWS])
     if isinstance(problem.responder, CircuitResponder):
         before = [] if walked is None else walked.with_branch_held(problem, solution.theta)
