@@ -107,7 +107,10 @@ def need_readings(
     """Refuse a free parameter that no run can show."""
     for name, moved in names.moved.items():
         channels = outputs_of(moved)
-        wanting = [record for record in records if not _shows(record, channels)]
+        shows = [
+            any(record.readings[one].exact.any() for one in record.readings.keys() & channels) for record in records
+        ]
+        wanting = [record for record, is_shown in zip(records, shows, strict=True) if not is_shown]
         if name in names.per_mounting:
             shown = {record.run.metadata.mounting_id for record in records if record not in wanting}
             wanting = [record for record in wanting if record.run.metadata.mounting_id not in shown]
@@ -121,7 +124,9 @@ def need_readings(
                 where=wanting[0].label if own or len(records) == 1 else "runs",
                 repair="add runs that have it, or fix the parameter",
             )
-    excited = any(_is_excited(record) for record in records)
+    # More than no voltage: above 10 mV, or above its noise.
+    limits = [min(NO_VOLTAGE, _ABOVE_NOISE * noise_level(record.run.voltage)) for record in records]
+    excited = any(np.abs(one.run.voltage).max() > limit for one, limit in zip(records, limits, strict=True))
     for run, record in zip(given, records, strict=True):
         if run.voltage.any() and not record.run.voltage.any():
             raise InputError(
@@ -151,13 +156,3 @@ def need_readings(
 def _how_little(record: PreparedRun) -> str:
     largest = float(np.abs(record.run.voltage).max())
     return f"never more than {1e3 * largest:.2g} mV from 0 V, as its noise is" if largest else "zero throughout"
-
-
-def _is_excited(record: PreparedRun) -> bool:
-    """Whether a voltage is more than none: above 10 mV, or above its noise."""
-    voltage = record.run.voltage
-    return float(np.abs(voltage).max()) > min(NO_VOLTAGE, _ABOVE_NOISE * noise_level(voltage))
-
-
-def _shows(record: PreparedRun, channels: Sequence[str]) -> bool:
-    return any(record.readings[channel].exact.any() for channel in channels if channel in record.readings)

@@ -51,7 +51,6 @@ from ipmclab.identification.undetermined.practical import practical
 from ipmclab.model import Actuator
 from ipmclab.model.environment.age import AGE, Age
 from ipmclab.model.order import Order
-from ipmclab.model.parameters import Parameter
 from ipmclab.named_matrix import Table, table_of
 from ipmclab.run import Finding, FloatArray, Run
 from ipmclab.units import CHANNELS
@@ -145,12 +144,24 @@ def build_fit(
             at_bound=at_bound,
             prior=unknown.beforehand,
         )
-    for one in result.unseen:
-        for unknown in one.unknowns:
-            fitted[order(unknown.name)] = _unseen_parameter(unknown, order, problem.base[unknown.base], parameters)
-    in_file = list(actuator.parameter_values)
-    fitted = dict(sorted(fitted.items(), key=lambda item: _file_place(item[0], in_file)))
-    renamed = [_rename_direction(direction, order) for direction in open_directions]
+    for unknown in (unknown for one in result.unseen for unknown in one.unknowns):
+        # A parameter of a stage that the readings do not show may be anything.
+        name, declared = order(unknown.name), parameters[order(unknown.base)]
+        fitted[name] = FittedParameter(
+            name=name,
+            value=problem.base[unknown.base],
+            unit=declared.unit,
+            symbol=declared.symbol,
+            standard_error=math.inf,
+            interval=open_ends(unknown),
+            determined=False,
+        )
+    in_file = {name: place for place, name in enumerate(actuator.parameter_values)}
+    fitted = {name: fitted[name] for name in sorted(fitted, key=lambda n: (in_file.get(n.split("[")[0], math.inf), n))}
+    renamed = [
+        replace(d, coefficients={order(n): c for n, c in d.coefficients.items()}, sentence=order(d.sentence))
+        for d in open_directions
+    ]
     named = tuple(in_order(renamed, list(fitted)))
     named += tuple(
         Direction(
@@ -223,22 +234,6 @@ def _points(
     return points
 
 
-def _unseen_parameter(
-    unknown: Unknown, order: Order, value: float, parameters: Mapping[str, Parameter]
-) -> FittedParameter:
-    """A parameter of a stage that the readings do not show: it may be anything."""
-    declared = parameters[order(unknown.base)]
-    return FittedParameter(
-        name=order(unknown.name),
-        value=value,
-        unit=declared.unit,
-        symbol=declared.symbol,
-        standard_error=math.inf,
-        interval=open_ends(unknown),
-        determined=False,
-    )
-
-
 def _exact_names(actuator: Actuator, problem: Problem, taken: set[str]) -> list[str]:
     """Fixed parameters without a stated uncertainty on which the answer leans."""
     candidates = ["circuit.sheet_resistance"]
@@ -256,19 +251,6 @@ def _unit(base: str) -> str:
         return Age.of(base).unit
     unit = CHANNELS[base.rsplit(".", 1)[1]].unit
     return unit if base.startswith("observation.offset") else f"{unit}/s"
-
-
-def _rename_direction(direction: Direction, order: Order) -> Direction:
-    return replace(
-        direction,
-        coefficients={order(name): value for name, value in direction.coefficients.items()},
-        sentence=order(direction.sentence),
-    )
-
-
-def _file_place(name: str, names: Sequence[str]) -> tuple[int, str]:
-    base = name.split("[")[0]
-    return (names.index(base) if base in names else len(names), name)
 
 
 def _correlations(

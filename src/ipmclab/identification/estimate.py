@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence, Set
+from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
@@ -58,9 +57,17 @@ def estimate(actuator: Actuator, names: FreeParameters, records: Sequence[Prepar
     rivals = (*minima.rivals, *minima.along)
     stage("finding the noise in what the fit leaves", 0.5, 0.7, 1000)
     everywhere = Everywhere(minima.ends)
-    noisy = partial(_noisy, names=names, everywhere=everywhere)
+
+    def noisy(problem: Problem, solution: Solution) -> tuple[Correlated, Correlated | None]:
+        """The noise of a fit, the fit under it where that predicts as well; and another fit that is as good."""
+        least = with_noise(problem, solution, assumed_zeros(problem, names), everywhere.least)
+        return weighted(least, everywhere.lowest)
+
     under, other = noisy(problem, solution)
-    resting = _at_rest_after_all(under, given_up)
+    # White noise is what the first fit assumes. Where it is autocorrelated that contradicts rest far too often.
+    begun = {place: under.problem.places[place].starts for place in given_up if under.shapes}
+    noise = under.covariance_of_all
+    resting = {place for place, there in begun.items() if there and could_be_zero(under.solution, there, noise)}
     if resting:
         starts = {column for place in resting for column in problem.places[place].starts}
         problem, solution = with_less(problem, solution, starts, resting)
@@ -154,25 +161,6 @@ def _least_squares(
             along = allowed_places(problem, solution, along_valleys(problem, solution))
         minima = replace(minima, rivals=rivals, along=along)
     return problem, solution, minima, given_up
-
-
-def _at_rest_after_all(under: Correlated, places: Set[int]) -> set[int]:
-    """Runs whose start differs from rest by no more than their noise does.
-
-    White noise is what the first fit assumes. Under autocorrelated noise it contradicts rest far more often
-    than its tests say.
-    """
-    starts = {place: under.problem.places[place].starts for place in places if under.shapes}
-    noise = under.covariance_of_all
-    return {place for place, there in starts.items() if there and could_be_zero(under.solution, there, noise)}
-
-
-def _noisy(
-    problem: Problem, solution: Solution, names: FreeParameters, everywhere: Everywhere
-) -> tuple[Correlated, Correlated | None]:
-    """The noise of a fit, the fit under it where that predicts as well; and another fit that is as good."""
-    least = with_noise(problem, solution, assumed_zeros(problem, names), everywhere.least)
-    return weighted(least, everywhere.lowest)
 
 
 def _without_stages(

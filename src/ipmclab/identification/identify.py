@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 from ipmclab.consistency.of_fit import with_cross_checks
@@ -31,7 +31,7 @@ from ipmclab.identification.estimate import estimate
 from ipmclab.identification.mountings.mountings import differ, each_mounting, with_mountings
 from ipmclab.identification.of_records import NOISE, GrowingLeak, findings_of_records, left_out_of
 from ipmclab.identification.problem.earlier_fit import as_read_before, fitted_runs
-from ipmclab.identification.problem.free import FreeParameters, Prior, parse_free
+from ipmclab.identification.problem.free import FreeParameters, parse_free
 from ipmclab.identification.problem.priors import prior_findings, with_priors
 from ipmclab.identification.problem.record import disambiguated, places_of_mountings, prepare
 from ipmclab.identification.search.another_coupling import motion_of_another_coupling
@@ -211,9 +211,18 @@ def _identify(
     result = estimate(actuator, names, records)
     if kept:
         first_answer(lambda: build_fit(actuator, given, result, (), followed=False))
-    diagnoses, lacking = _what_it_lacks(actuator, names, result) if diagnosed else ((), ())
+    diagnoses: tuple[OutputDiagnosis, ...] = ()
+    lacking: Sequence[Finding] = ()
+    if diagnosed:
+        try:
+            stage("asking what the model lacks", 0.75, 0.8)
+            diagnoses, lacking = diagnose(actuator, names, result)
+        except KeyboardInterrupt:  # who does not want to wait keeps the fit
+            lacking = (NO_STAGES,)
+    unseen = {unknown.base for one in result.unseen for unknown in one.unknowns}
+    growing: GrowingLeak = "hidden" if SLOW_TIME in unseen else "shown"
     with unreported():
-        of_records = findings_of_records(records, found, _growing_leak(actuator, result))
+        of_records = findings_of_records(records, found, growing if actuator.structure.slow_leak else "none")
     findings = (*of_records, *left_out, *result.findings, *lacking)
     try:
         stage("errors and intervals", 0.8, 1.0)
@@ -228,7 +237,13 @@ def _identify(
     if names.priors:
         order = Order(result.problem.in_reference(result.solution.theta, result.problem.records[0].place))
         priors = {order(name): prior for name, prior in names.priors.items()}
-        fit = _of_literature(fit, priors)
+        # Marked of which only the literature was known beforehand.
+        of_literature = {
+            name: replace(one, prior_of_literature=True)
+            for name, one in fit.parameters.items()
+            if one.prior is not None and priors[name.partition("[")[0]].of_literature
+        }
+        fit = changed(fit, parameters={**fit.parameters, **of_literature}) if of_literature else fit
         if NO_PROFILES in fit.findings:
             return with_findings(fit, beyond)
         try:
@@ -242,17 +257,6 @@ def _identify(
     return with_findings(fit, beyond)
 
 
-def _of_literature(fit: Fit, priors: Mapping[str, Prior]) -> Fit:
-    """The fit, with the parameters marked of which only the literature was known beforehand."""
-    parameters = {
-        name: replace(one, prior_of_literature=True)
-        if one.prior is not None and priors[name.partition("[")[0]].of_literature
-        else one
-        for name, one in fit.parameters.items()
-    }
-    return changed(fit, parameters=parameters) if parameters != fit.parameters else fit
-
-
 def environment_findings(actuator: Actuator, runs: Sequence[Run], fit: Fit, result: Estimate) -> list[Finding]:
     """What the states of the runs make doubtful, and what laws and ages they leave open."""
     doubts = [
@@ -264,22 +268,3 @@ def environment_findings(actuator: Actuator, runs: Sequence[Run], fit: Fit, resu
     problem, solution = result.correlated.problem.plain, result.correlated.solution
     held = water_contradicted(problem, solution)
     return [*doubts, *held, *inseparable(problem, solution), *next_condition(fit, problem, solution)]
-
-
-def _what_it_lacks(
-    actuator: Actuator, names: FreeParameters, result: Estimate
-) -> tuple[tuple[OutputDiagnosis, ...], Sequence[Finding]]:
-    """What the fit leaves, and the stages that would explain it; who does not want to wait keeps the fit."""
-    try:
-        stage("asking what the model lacks", 0.75, 0.8)
-        return diagnose(actuator, names, result)
-    except KeyboardInterrupt:
-        return (), (NO_STAGES,)
-
-
-def _growing_leak(actuator: Actuator, result: Estimate) -> GrowingLeak:
-    """Whether the model has a leak that grows, and the readings show it."""
-    if not actuator.structure.slow_leak:
-        return "none"
-    unseen = {unknown.base for one in result.unseen for unknown in one.unknowns}
-    return "hidden" if SLOW_TIME in unseen else "shown"

@@ -24,4 +24,4 @@ def left(size: float, rows: int) -> Solution:
 )
 def test_a_stage_without_which_the_prediction_is_worse_is_kept(times: float, rows: int, worse: bool) -> None:
     """Noise that fades slowly enough would describe whatever it explains."""
-    assert unseen._predicts_less(left(1.0, rows), left(times, rows), 3) is worse
+    assert (left(times, rows).evaluation.cost > unseen._most(left(1.0, rows), 3)) is worse

@@ -51,8 +51,7 @@ def diagnose(
     for record in problem.records:
         for left in every:
             if left.output in record.readings:
-                alone = record.place in left.coloured_in
-                verdict = verdicts[left.output] if alone else "white"
+                verdict = verdicts[left.output] if record.place in left.coloured_in else "white"
                 found.append(output_diagnosis(estimate.correlated, record, left.output, verdict, basis))
     tried = tried_stages(actuator, names, every)
     fixed, chosen = _fixed_motion(actuator, names, read), named(tried)
@@ -63,17 +62,13 @@ def diagnose(
 
 def _fixed_motion(actuator: Actuator, names: FreeParameters, read: Sequence[str]) -> str:
     """The fixed values on which the motion rests, where it is fitted: wrong ones leave what a missing stage leaves."""
-    if not {"displacement", "force"} & set(read):
-        return ""
-    coupling = in_group(MOTION, actuator.parameter_values)
+    coupling = in_group(MOTION, actuator.parameter_values) if {"displacement", "force"} & set(read) else []
     fixed = [name for name in coupling if name not in names.actuator]
-    if not fixed:
-        return ""
-    return f"{MOTION}.*" if fixed == coupling else ", ".join(fixed)
+    return f"{MOTION}.*" if fixed and fixed == coupling else ", ".join(fixed)
 
 
 def _verdict(left: Left) -> Verdict:
-    if not left.coloured:
+    if not left.coloured_in:
         return "white"
     if left.follows:
         return "follows the voltage"

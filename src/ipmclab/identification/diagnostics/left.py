@@ -93,16 +93,6 @@ class Left:
         return cls(output, problem, solution.theta, here, pieces, _drifting(pieces, shapes), coloured)
 
     @property
-    def coloured(self) -> bool:
-        """Whether it is autocorrelated in any run."""
-        return bool(self.coloured_in)
-
-    @property
-    def readings(self) -> int:
-        """How many there are."""
-        return sum(len(piece.time) for piece in self.pieces)
-
-    @property
     def noise(self) -> float:
         """Weighted squares that the scatter of neighbouring readings accounts for."""
         return self._squares_of(lambda reading: reading.noise)
@@ -134,7 +124,7 @@ class Left:
     @property
     def is_doubted(self) -> bool:
         """Whether it is neither white noise nor rounding."""
-        return self.coloured and not self.is_rounding
+        return bool(self.coloured_in) and not self.is_rounding
 
     def evidence(self, added: FloatArray) -> Evidence:
         """Of changes that the model does not know."""
@@ -156,15 +146,12 @@ class Left:
     @cached_property
     def bends(self) -> bool:
         """Whether it follows the voltage times its magnitude, to which no linear model answers."""
-        return self.is_doubted and self._could_bend and self._chance(bent=True) < REJECT
-
-    @property
-    def _could_bend(self) -> bool:
-        """Whether the voltages distinguish the one from the other: under a single step both are in proportion."""
+        # Under a single step both are in proportion, and the voltages do not distinguish the one from the other.
         volts = np.concatenate([r.run.voltage for r in self.problem.records if self.output in r.readings])
         bent = volts * np.abs(volts)
         bent_part = bent - volts * float(volts @ bent) / max(float(volts @ volts), 1e-300)
-        return float(np.linalg.norm(bent_part)) > _BENT * float(np.linalg.norm(bent))
+        could_bend = float(np.linalg.norm(bent_part)) > _BENT * float(np.linalg.norm(bent))
+        return self.is_doubted and could_bend and self._chance(bent=True) < REJECT
 
     def _chance(self, *, bent: bool) -> float:
         """How often noise alone would make the output as much likelier if it may also follow the voltage in any way."""

@@ -109,7 +109,7 @@ def _judged(name: str, extended: Extended, doubted: Sequence[Left], own: float) 
         squares = left.squares(left.problem, left.here)
         beyond = max(squares - left.noise, 0.01 * squares)
         shares[left.output] = min((squares - left.squares(problem, here)) / beyond, 1.0)
-    readings = sum(left.readings for left in doubted)
+    readings = sum(len(piece.time) for left in doubted for piece in left.pieces)
     return Tried(name, gain - max(added, 1) * math.log(readings), shares)
 
 

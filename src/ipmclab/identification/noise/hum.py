@@ -39,11 +39,8 @@ def hum_in(correlated: Correlated, key: Key) -> Hum | None:
     key : (place, output)
     """
     problem, piece = correlated.problem, correlated.problem.pieces[key]
-    run, inside, rows = (
-        problem.record_at(key[0]).run,
-        problem.readings[key].exact_of_used,
-        np.flatnonzero(problem.readings[key].exact),
-    )
+    run, reading = problem.record_at(key[0]).run, problem.readings[key]
+    inside, rows = reading.exact_of_used, np.flatnonzero(reading.exact)
     time = run.time[rows]
     if len(rows) < _FEWEST or np.ptp(np.diff(time)) > 1e-3 * float(time[1] - time[0]):
         return None

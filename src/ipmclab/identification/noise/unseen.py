@@ -62,13 +62,17 @@ def without_unseen(under: Correlated) -> tuple[tuple[Unseen, ...], Problem, Solu
     while True:
         stages = {name: own for name, own in _stages(problem).items() if name not in kept}
         worst: tuple[float, str, Problem, Solution] | None = None
+        errors = entry_errors(solution.evaluation)
+        units = [1.0 if u.log else abs(float(entry)) for u, entry in zip(problem.unknowns, solution.theta, strict=True)]
         for name, (columns, sizes) in stages.items():
-            if _is_sure(problem, solution, sizes):
+            if any(errors[column] < _SURELY * units[column] for column in sizes):
                 kept.add(name)
                 continue
             smaller, there = _switched_off(problem, solution, columns, sizes)
             chance = _chance(under, solution, there, len(columns))
-            if chance < REJECT or _predicts_less(solution, there, len(columns)):
+            # Noise that is slow enough describes whatever a stage explains: so it is asked too whether the prediction
+            # is worse without it, by more than white noise feigns. How sure its parameters are, their intervals say.
+            if chance < REJECT or there.evaluation.cost > _most(solution, len(columns)):
                 kept.add(name)
             elif worst is None or chance > worst[0]:
                 worst = chance, name, smaller, there
@@ -108,14 +112,6 @@ def _stages(problem: Problem) -> dict[str, tuple[list[int], list[int]]]:
     }
 
 
-def _is_sure(problem: Problem, solution: Solution, sizes: Sequence[int]) -> bool:
-    errors = entry_errors(solution.evaluation)
-    return any(
-        errors[column] < _SURELY * (1.0 if problem.unknowns[column].log else abs(float(solution.theta[column])))
-        for column in sizes
-    )
-
-
 def _switched_off(
     problem: Problem, solution: Solution, columns: Sequence[int], sizes: Sequence[int]
 ) -> tuple[Problem, Solution]:
@@ -129,15 +125,6 @@ def _switched_off(
     here = start_with_fewer(problem, smaller, solution, columns)
     fall = here.evaluation.cost - _most(solution, len(columns))
     return smaller, minimum_near(smaller, here.theta, here.evaluation, evaluations=100, fall=fall)
-
-
-def _predicts_less(solution: Solution, there: Solution, count: int) -> bool:
-    """Whether the prediction is worse without the stage, by more than white noise feigns.
-
-    Noise that is slow enough describes whatever a stage explains. How sure its parameters are beside that, their
-    intervals say.
-    """
-    return there.evaluation.cost > _most(solution, count)
 
 
 def _most(solution: Solution, count: int) -> float:

@@ -113,11 +113,20 @@ def _moved(shape: Shape, step: FloatArray) -> Shape:
 
 def _covariance(system: System, key: Key, shape: Shape, others: FloatArray) -> FloatArray:
     """Of the values of one noise: the inverse of half the curvature of the deviance."""
-    count = shape.terms.shapes + 1
+    count, columns = shape.terms.shapes + 1, system.columns[key]
     steps = _STEP * np.eye(count)
 
     def height(step: FloatArray) -> float:
-        return _deviance(system, key, _moved(shape, step), others)
+        """Minus twice the restricted log likelihood beside these values, scale included."""
+        there = _moved(shape, step)
+        every, logarithm = columns.products(there.terms, there.entries)
+        own, of_constants = without(every, there.terms)
+        total = others + own / there.variance
+        root, of_directions = root_of_inverse(total[:-1, :-1])
+        right = total[:-1, -1] @ root
+        misfit = float(total[-1, -1] - right @ right)
+        freedom = columns.count - there.terms.constants
+        return freedom * math.log(there.variance) + logarithm + of_constants + of_directions + misfit
 
     middle = height(np.zeros(count))
     curvature = np.zeros((count, count))
@@ -130,16 +139,3 @@ def _covariance(system: System, key: Key, shape: Shape, others: FloatArray) -> F
             curvature[i, j] = curvature[j, i] = 0.5 * crossed / _STEP**2
     values, vectors = np.linalg.eigh(0.5 * curvature)
     return np.asarray((vectors / np.maximum(values, _FARTHEST**-2)) @ vectors.T)
-
-
-def _deviance(system: System, key: Key, shape: Shape, others: FloatArray) -> float:
-    """Minus twice the restricted log likelihood at any values, scale included."""
-    columns = system.columns[key]
-    every, logarithm = columns.products(shape.terms, shape.entries)
-    own, of_constants = without(every, shape.terms)
-    total = others + own / shape.variance
-    root, of_directions = root_of_inverse(total[:-1, :-1])
-    right = total[:-1, -1] @ root
-    misfit = float(total[-1, -1] - right @ right)
-    freedom = columns.count - shape.terms.constants
-    return freedom * math.log(shape.variance) + logarithm + of_constants + of_directions + misfit

@@ -23,7 +23,6 @@ from ipmclab.identification.noise.at_rest import is_shown_at_rest
 from ipmclab.identification.noise.correlate import Again, Correlated
 from ipmclab.identification.noise.pieces import Key, System, refine_noise
 from ipmclab.identification.noise.whitening import CorrelatedProblem
-from ipmclab.identification.problem.evaluation import Evaluation
 from ipmclab.identification.search.descent import minimum_from
 from ipmclab.identification.search.settled import settled
 
@@ -48,6 +47,8 @@ def weighted(least: Correlated, everywhere: Again) -> tuple[Correlated, Correlat
     other : Correlated or None
         The weighted fit, where it was not taken and the readings do not speak against it.
     """
+    from scipy.special import chdtri
+
     coloured = [key for key, shape in least.shapes.items() if shape.terms.order or shape.terms.walk]
     if not coloured or _are_at_rest_too(least, coloured) is False:
         return least, None
@@ -56,7 +57,10 @@ def weighted(least: Correlated, everywhere: Again) -> tuple[Correlated, Correlat
     if shown is False:
         return least, None
     there = least.problem.evaluate(here.solution.theta)
-    if not _is_same_strip(least, there):
+    # Least squares is to lose no more at the weighted estimate than the noise moves it.
+    lost = there.cost - least.solution.evaluation.cost
+    times = least.inflation(there.residual - least.solution.evaluation.residual)
+    if not lost <= float(chdtri(len(there.rows) - 1, REJECT)) * times:
         return least, None
     as_good = there.cost <= _AS_GOOD**2 * least.solution.evaluation.cost
     return (here, None) if shown and as_good else (least, here)
@@ -79,15 +83,6 @@ def _fitted(least: Correlated, everywhere: Again) -> Correlated:
         shapes = refine_noise(System(problem.plain, here.plain, list(pieces.values())), shapes)
         here = replace(here, shapes=shapes)
     return here.at(settled(here.problem, here.solution))
-
-
-def _is_same_strip(least: Correlated, there: Evaluation) -> bool:
-    """Whether least squares loses no more at the weighted estimate than the noise moves it."""
-    from scipy.special import chdtri
-
-    lost = there.cost - least.solution.evaluation.cost
-    times = least.inflation(there.residual - least.solution.evaluation.residual)
-    return lost <= float(chdtri(len(there.rows) - 1, REJECT)) * times
 
 
 def _are_at_rest_too(under: Correlated, coloured: Sequence[Key]) -> bool | None:

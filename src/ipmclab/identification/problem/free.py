@@ -18,6 +18,7 @@ OBSERVATION_NAMES: Final = tuple(f"observation.{what}.{one}" for what in ("offse
 """What a run's observation can have freed by name; its delay and its start are decided from the data."""
 
 _PLACE = re.compile(r"\[\d+\]$")
+_OF_LAWS: Final = (REFERENCE_CONTENT, REFERENCE_TEMPERATURE, PERCOLATION, SITES)  # they move more than the water
 
 
 def is_named(base: str) -> bool:
@@ -158,8 +159,18 @@ def parse_free(
             where="per_run" if name in own else "per_mounting",
             repair="name it in free",
         )
-    for given, where in ((shared, "free"), (own, "per_run"), (of_mountings, "per_mounting")):
-        _refuse_water(given, where)
+    each = (shared, "free"), (own, "per_run"), (of_mountings, "per_mounting")
+    for name, where in ((name, where) for given, where in each for name in sorted(given)):
+        # The water of each run is known before the fit, from stated values.
+        parameter = Age.of(name).parameter if name.startswith(AGE) else name
+        if parameter.startswith(HYDRATION) and parameter not in _OF_LAWS:
+            raise InputError(
+                f"{parameter!r} says how a strip takes up water; a fit computes the water of each run once, before it "
+                "reads the runs, and so cannot find it",
+                code="not-of-a-fit",
+                where=where,
+                repair="measure it, and state it in the actuator's file; a weighed strip (mass) needs none of it",
+            )
     for name in sorted(of_mountings & (own | set(OBSERVATION_NAMES))):
         raise InputError(
             f"{name!r} belongs to each run already",
@@ -181,23 +192,6 @@ def parse_free(
         observation=tuple(n for n in OBSERVATION_NAMES if n in shared or n in own),
         age=tuple(sorted(n for n in shared if n.startswith(AGE))),
     )
-
-
-_OF_LAWS: Final = (REFERENCE_CONTENT, REFERENCE_TEMPERATURE, PERCOLATION, SITES)
-
-
-def _refuse_water(given: Iterable[str], where: str) -> None:
-    """Refuse what moves the water of a strip: the water of each run is known before the fit, from stated values."""
-    for name in sorted(given):
-        parameter = Age.of(name).parameter if name.startswith(AGE) else name
-        if parameter.startswith(HYDRATION) and parameter not in _OF_LAWS:
-            raise InputError(
-                f"{parameter!r} says how a strip takes up water; a fit computes the water of each run once, before it "
-                "reads the runs, and so cannot find it",
-                code="not-of-a-fit",
-                where=where,
-                repair="measure it, and state it in the actuator's file; a weighed strip (mass) needs none of it",
-            )
 
 
 def names_of(known: Iterable[str], given: str | Iterable[str], where: str) -> set[str]:
@@ -235,7 +229,9 @@ def _why_unknown(name: str, names: Sequence[str]) -> tuple[str, str]:
     without_sensor = name.removeprefix("observation.").removesuffix("s")
     without_place = _PLACE.sub("", name)
     if name in stage_groups():
-        return f"this actuator has no {name}", f"add the stage to its name, such as friend-2+{_example_of(name)}"
+        stages = [kind for kind in kinds() if kind.group == name]
+        example = next((kind.name for kind in stages if kind.example), stages[0].name)
+        return f"this actuator has no {name}", f"add the stage to its name, such as friend-2+{example}"
     if without_sensor in ("offset", "drift"):
         *others, last = [repr(known) for known in OBSERVATION_NAMES if f".{without_sensor}." in known]
         return f"{name!r} does not say of which sensor", f"give {', '.join(others)} or {last}"
@@ -246,9 +242,3 @@ def _why_unknown(name: str, names: Sequence[str]) -> tuple[str, str]:
         return f"{name!r} names one run", f"give {without_place!r} as per_run: each run then has its own"
     every = [*(group for group in groups() if in_group(group, names)), *names]
     return f"no parameter or group is called {name!r}", suggest(name, every)
-
-
-def _example_of(group: str) -> str:
-    """A stage that adds a group to an actuator."""
-    stages = [kind for kind in kinds() if kind.group == group]
-    return next((kind.name for kind in stages if kind.example), stages[0].name)

@@ -37,7 +37,6 @@ LONGEST_DELAY: Final = 3
 
 _EDGE: Final = 0.05  # of the largest voltage
 
-
 _SHOWS_ZERO: Final = 20
 """Rows at 0 V before the first step from which the check of a record tells whether the current reads zero there."""
 

@@ -109,17 +109,14 @@ def lumped_derivatives(branches: int, values: Mapping[str, Any], names: Sequence
 class CircuitResponder:
     """Current alone, from poles and residues. A start that is not rest is an amplitude of each mode [A]."""
 
+    is_linear = True
+
     def __init__(self, branches: int) -> None:
         self.branches = branches
         # The latest answers are kept: runs share their circuit, and a point is often asked again for other names.
         self._admittances: dict[object, tuple[Admittance, FloatArray]] = {}
         self._chains: dict[object, FloatArray] = {}
         self._moved: dict[int, tuple[object, FloatArray]] = {}
-
-    @property
-    def is_linear(self) -> bool:
-        """It is."""
-        return True
 
     def _circuit(
         self, record: PreparedRun, values: Mapping[str, float], names: Sequence[str]

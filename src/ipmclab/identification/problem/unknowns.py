@@ -195,7 +195,11 @@ def with_known(unknowns: Sequence[Unknown], priors: Mapping[str, Prior]) -> list
             unknown = replace(
                 unknown, follows={one: (slope * own / chain, deviation) for one, slope, own, deviation in others}
             )
-            unknown = _within(unknown) if prior.merely_uncertain else unknown
+            if prior.merely_uncertain and unknown.beforehand is not None:
+                # Not to be sought farther from what is known than any honest measurement lies.
+                value, uncertainty = unknown.beforehand
+                low, high = value - FARTHEST * uncertainty, value + FARTHEST * uncertainty
+                unknown = replace(unknown, lower=max(unknown.lower, low), upper=min(unknown.upper, high))
         found.append(unknown)
     return found
 
@@ -230,14 +234,6 @@ def known_together(unknowns: Sequence[Unknown], covariance: Table) -> list[Unkno
         centre = unknown.prior[0]
         found.append(replace(unknown, prior=(centre, own), follows=follows, deviation=deviations[place]))
     return found
-
-
-def _within(unknown: Unknown) -> Unknown:
-    """The unknown, not to be sought farther from what is known than any honest measurement lies."""
-    assert unknown.beforehand is not None
-    value, uncertainty = unknown.beforehand
-    reach = FARTHEST * uncertainty
-    return replace(unknown, lower=max(unknown.lower, value - reach), upper=min(unknown.upper, value + reach))
 
 
 def _of_states(free: FreeParameters, records: Sequence[PreparedRun]) -> list[Unknown]:
@@ -337,21 +333,17 @@ def unknowns_of(
     if free.together:
         tied = {u.name: u for u in known_together([u for u in found if u.name in free.together], free.together)}
         found = [tied.get(u.name, u) for u in found]
-    found = [_of_some_size(unknown) for unknown in found]
+    for number, unknown in enumerate(found):
+        # No larger than one of a strip where a search would have it of any size.
+        largest = largest_proportional(unknown.base)
+        if unknown.prior is None and largest is not None and math.isfinite(largest):
+            found[number] = unknown.within(0.0, largest)
     found += _of_delays(records, delays or at_their_rows(records))
     found += _of_states(free, records)
     found += _of_sensors(free, records)
     for place, count in (states or {}).items():
         found += amplitudes(place, count)
     return tuple(found)
-
-
-def _of_some_size(unknown: Unknown) -> Unknown:
-    """The unknown, no larger than one of a strip where a search would have it of any size."""
-    largest = largest_proportional(unknown.base)
-    if unknown.prior is not None or largest is None or math.isinf(largest):
-        return unknown
-    return unknown.within(0.0, largest)
 
 
 def amplitudes(place: int, count: int) -> list[Unknown]:

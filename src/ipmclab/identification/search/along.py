@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final
 
@@ -12,13 +12,12 @@ from ipmclab.fit.fit import DETERMINED
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.problem.record import LONGEST_DELAY, fastest_rate
 from ipmclab.identification.problem.response import CircuitResponder
-from ipmclab.identification.problem.unknowns import Unknown
 from ipmclab.identification.search.branch_valley import branch_valley
 from ipmclab.identification.search.descent import on_every_row, shorter
 from ipmclab.identification.search.solve import Pinned, Solution, descend
 from ipmclab.identification.search.tangent import entry_errors
 from ipmclab.identification.search.valleys import AS_GOOD, EVALUATIONS, NEAR, WEAK, Place, Valley
-from ipmclab.model.declared import is_of_circuit
+from ipmclab.model.declared import MOTION, in_group, is_of_circuit
 from ipmclab.model.stages.circuit import DC, SERIES, slowest_branch
 from ipmclab.model.stages.coupling import GAIN, ZERO
 from ipmclab.model.stages.leak import SLOW_TIME
@@ -57,20 +56,16 @@ def along_valleys(problem: Problem, solution: Solution, walked: Valley | None = 
         found += held_at(problem, solution, ZERO, [part * fastest for part in _ZEROS])
     if errors.get(SLOW_TIME, 0.0) > WEAK:
         found += held_at(problem, solution, SLOW_TIME, [values[SLOW_TIME] * factor for factor in _SLOWER])
-    edges = _unconfined_edges(problem, errors)
-    if edges is not None and any(name.startswith("coupling.") for name in errors):
+    # The delay of the record without a current of which least is known: the delays of others follow it.
+    delays = [unknown for unknown in problem.unknowns if unknown.base == "observation.delay"]
+    alone = [delay for delay in delays if (delay.place, "current") not in problem.readings]
+    edges = max(alone, key=lambda delay: errors[delay.name], default=None)
+    if edges is not None and in_group(MOTION, errors):
         found += held_at(problem, solution, edges.name, [edges.value(row) for row in _ROWS])
     if isinstance(problem.responder, CircuitResponder):
         before = [] if walked is None else walked.with_branch_held(problem, solution.theta)
         found += branch_valley(problem, solution, problem.responder.branches, before)
     return found
-
-
-def _unconfined_edges(problem: Problem, errors: Mapping[str, float]) -> Unknown | None:
-    """The delay of the record without a current of which least is known: the delays of others follow it."""
-    delays = [unknown for unknown in problem.unknowns if unknown.base == "observation.delay"]
-    alone = [delay for delay in delays if (delay.place, "current") not in problem.readings]
-    return max(alone, key=lambda delay: errors[delay.name], default=None)
 
 
 def held_at(problem: Problem, solution: Solution, name: str, values: Sequence[float]) -> list[Place]:

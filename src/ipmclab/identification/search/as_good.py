@@ -28,9 +28,8 @@ def allowed_places(
     for place in valley:
         there = place.solution.evaluation
         times = inflation(there.residual - solution.evaluation.residual)
-        own = max(
-            solution.evaluation.per_residual * times, 1e-300
-        )  # what is open stays open, however well all readings are met
+        # What is open stays open, however well all readings are met.
+        own = max(solution.evaluation.per_residual * times, 1e-300)
         left = place.allowed - max(there.cost - solution.evaluation.cost, 0.0) / own
         if not left < 0.0:
             # Within a place 95 % of its own, less towards the last one that is allowed.

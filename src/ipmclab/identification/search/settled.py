@@ -135,13 +135,10 @@ def settle(problem: Problem, solution: Solution, reference: FloatArray) -> Solut
         inside = np.clip(trial, problem.lower + 1e-6, problem.upper - 1e-6)
         back, cost = polish(problem, inside), solution.evaluation.cost
         gained = back is not None and back.evaluation.cost <= cost + 1e-3 + 1e-9 * cost
-        if back and gained and _distance(back.theta, reference) < _distance(solution.theta, reference):
+        away = np.linalg.norm(solution.theta - reference)
+        if back and gained and np.linalg.norm(back.theta - reference) < away:
             solution = back
             spent += back.evaluations
         else:
             reach *= 0.5
     return replace(solution, evaluations=spent)
-
-
-def _distance(theta: FloatArray, reference: FloatArray) -> float:
-    return float(np.linalg.norm(theta - reference))

@@ -130,7 +130,9 @@ def uncertainty(correlated: Correlated, fixed: Table, exact: Sequence[str]) -> U
     found = {key: growth(correlated, key) for key in noisy}
     growing = {key: one for key, one in found.items() if one is not None and one.times > _GROWS}
     white = correlated.whitened.residual
-    coloured = tuple(key for key in noisy if is_coloured(_even(white[pieces[key]], growing.get(key))))
+    # Large ones that stand together are else taken for autocorrelated ones.
+    even = {key: white[pieces[key]] / (np.sqrt(growing[key].variance) if key in growing else 1.0) for key in noisy}
+    coloured = tuple(key for key in noisy if is_coloured(even[key]))
     freedom = np.full(asked, float(readings))
     added = np.zeros_like(plain)
     if correlated.is_weighted:
@@ -183,11 +185,6 @@ def uncertainty(correlated: Correlated, fixed: Table, exact: Sequence[str]) -> U
         slopes,
         zero,
     )
-
-
-def _even(residual: FloatArray, growing: Growth | None) -> FloatArray:
-    """Residuals that are all as large: large ones that stand together are else taken for autocorrelated ones."""
-    return residual if growing is None else np.asarray(residual / np.sqrt(growing.variance))
 
 
 def left_of_the_asked(evaluation: Evaluation, nuisance: npt.NDArray[np.bool_]) -> FloatArray:

@@ -12,7 +12,6 @@ import numpy as np
 from ipmclab.confidence import NORMAL_95
 from ipmclab.fit.fit import DETERMINED
 from ipmclab.identification.noise.correlate import Correlated
-from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.problem.unknowns import Unknown
 from ipmclab.identification.search.descent import shorter
 from ipmclab.identification.search.solve import AT_BOUND
@@ -95,7 +94,12 @@ def interval_of(
     place, unknown = problem.asked[number]
     entry = float(solution.theta[place])
     variance, freedom = float(found.covariance[number, number]), float(found.freedom[number])
-    hopeless = _hopeless(problem)
+    # The standard error of a logarithm above which an interval is open without asking. Runs of a circuit alone take
+    # little time; of all else a walk takes seconds, and where it is that long its end is no answer. What a strip shows
+    # whatever its parameters are (d(0), a stiffness, a resonance) is a product of powers of these: its error needs no
+    # profile. What is known beforehand ends every profile.
+    ends = problem.is_circuit or any(one.beforehand is not None for one in problem.unknowns)
+    hopeless = math.inf if ends else _COSTLY
     if followed and unknown.log and is_at_bound(unknown, entry) and math.isinf(hopeless):
         return _from_its_bound(correlated, unknown, place, float(stdtrit(freedom, 1.0 - 0.5 * _LEFT_OUT)))
     if math.isinf(error) or (unknown.log and found.plain[number, number] > hopeless**2):
@@ -124,17 +128,6 @@ def interval_of(
     # What else is uncertain (a fixed value) does not move along the profile.
     height = float(stdtrit(freedom, 1.0 - 0.5 * _LEFT_OUT)) * math.sqrt(max(found.of_readings[number] / plain, 1.0))
     return Interval(low, high, nearer, tuple(walk.end(walk.distance(height)) for walk in walks), allowed)
-
-
-def _hopeless(problem: Problem) -> float:
-    """The standard error of a logarithm above which an interval is open without asking.
-
-    Runs of a circuit alone take little time; of all else a walk takes seconds, and where it is that long its end is no
-    answer. What a strip shows whatever its parameters are (d(0), a stiffness, a resonance) is a product of powers of
-    these: its error needs no profile. What is known beforehand ends every profile.
-    """
-    is_cheap = problem.is_circuit
-    return math.inf if is_cheap or any(unknown.beforehand is not None for unknown in problem.unknowns) else _COSTLY
 
 
 def _from_its_bound(correlated: Correlated, unknown: Unknown, place: int, height: float) -> Interval:

@@ -9,7 +9,7 @@ from ipmclab.fit.in_brief import NOT_DESCRIBED
 from ipmclab.fit.observation import Observation
 from ipmclab.identification.noise.blind import Blind
 from ipmclab.identification.noise.correlate import Correlated
-from ipmclab.identification.noise.hum import Hum, hum_in
+from ipmclab.identification.noise.hum import hum_in
 from ipmclab.identification.noise.pieces import Key
 from ipmclab.identification.noise.weighting import at_rest_and_driven
 from ipmclab.identification.problem.problem import Problem
@@ -41,7 +41,15 @@ def noise_findings(correlated: Correlated, found: Uncertainty) -> list[Finding]:
     """
     labels = {record.place: record.label for record in correlated.problem.records}
     wrong = {key: sizes for key in correlated.problem.pieces if (sizes := _model_error(correlated, key)) is not None}
-    findings = [_model_is_wrong(labels[place], output, *sizes) for (place, output), sizes in wrong.items()]
+    findings = []
+    for (place, output), (at_rest, driven) in wrong.items():
+        left, noise_at_rest = CHANNELS[output].text(driven), CHANNELS[output].text(at_rest)
+        said = (
+            f"under voltage the model leaves {left} (rms) of the {output}, where the noise at 0 V is {noise_at_rest}: "
+            "it lacks something, and the intervals count what it leaves as noise"
+        )
+        repair = f"{_LOOK}; another branch or stage may help: ipmclab choose"
+        findings.append(_found(_MODEL_ERRS, labels[place], output, said, repair, driven=driven, at_rest=at_rest))
     # What the model lacks is no noise: nothing more is said of it as one.
     noises = {key: noise for key, noise in correlated.noise.items() if key not in wrong}
     coloured = [key for key in found.coloured if key not in wrong]
@@ -62,8 +70,19 @@ def noise_findings(correlated: Correlated, found: Uncertainty) -> list[Finding]:
     findings += [_drift_not_excluded(output, blind) for output, blind in correlated.blind.items()]
     for place, output in dict.fromkeys((*noises, *coloured)):
         hum = hum_in(correlated, (place, output))
-        if hum is not None:
-            findings.append(_hum(labels[place], output, hum))
+        if hum is None:
+            continue
+        said = (
+            f"the {output} holds a hum of {hum.frequency:.3g} Hz with an amplitude of "
+            f"{CHANNELS[output].text(hum.amplitude)}: intervals, above all of what an edge determines, may be too "
+            "small, for no noise model describes it"
+        )
+        repair = (
+            "find its source; at a rate below twice its frequency the mains shows itself at another one: read faster, "
+            "or average over a period of the mains"
+        )
+        found_hum = {"frequency": hum.frequency, "amplitude": hum.amplitude}
+        findings.append(_found(NOT_DESCRIBED, labels[place], output, said, repair, **found_hum))
     for (place, output), growth in found.growing.items():
         if (place, output) in wrong:
             continue
@@ -127,29 +146,6 @@ def _model_error(correlated: Correlated, key: Key) -> tuple[float, float] | None
     sizes = at_rest_and_driven(correlated, key)
     scatter = correlated.problem.readings[key].noise
     return sizes if sizes is not None and sizes[1] > max(_MUCH_MORE * sizes[0], _SCATTER * scatter) else None
-
-
-def _model_is_wrong(label: str, output: str, at_rest: float, driven: float) -> Finding:
-    left, noise = CHANNELS[output].text(driven), CHANNELS[output].text(at_rest)
-    said = (
-        f"under voltage the model leaves {left} (rms) of the {output}, where the noise at 0 V is {noise}: it lacks "
-        "something, and the intervals count what it leaves as noise"
-    )
-    repair = f"{_LOOK}; another branch or stage may help: ipmclab choose"
-    return _found(_MODEL_ERRS, label, output, said, repair, driven=driven, at_rest=at_rest)
-
-
-def _hum(label: str, output: str, hum: Hum) -> Finding:
-    said = (
-        f"the {output} holds a hum of {hum.frequency:.3g} Hz with an amplitude of "
-        f"{CHANNELS[output].text(hum.amplitude)}: intervals, above all of what an edge determines, may be too small, "
-        "for no noise model describes it"
-    )
-    repair = (
-        "find its source; at a rate below twice its frequency the mains shows itself at another one: read faster, or "
-        "average over a period of the mains"
-    )
-    return _found(NOT_DESCRIBED, label, output, said, repair, frequency=hum.frequency, amplitude=hum.amplitude)
 
 
 def _drift_not_excluded(output: str, blind: Blind) -> Finding:

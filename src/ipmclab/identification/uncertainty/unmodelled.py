@@ -20,7 +20,6 @@ voltage, it hardly shows.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -53,71 +52,16 @@ def unmodelled(correlated: Correlated, model: Actuator, order: Order) -> dict[st
     order : Order
         What the parameters are called.
     """
-    found = {}
-    for output in dict.fromkeys(output for _, output in correlated.problem.pieces):
-        one = _of_output(correlated, model, order, output)
-        if one is not None:
-            found[output] = one
-    return found
-
-
-@dataclass(frozen=True, eq=False)
-class _Readings:
-    """All readings as independent rows of variance one, what the parameters can imitate in front, as a triangle.
-
-    Parameters
-    ----------
-    triangle : float array, shape (n_directions + n_lags + 1, n_directions + n_lags + 1)
-        Directions of the parameters, lags, and last what the model missed.
-    directions : float array, shape (n_unknown, n_directions)
-    driven : int
-        Readings under voltage.
-    """
-
-    triangle: FloatArray
-    directions: FloatArray
-    driven: int
-
-    def moved(self) -> FloatArray:
-        """By how much each direction makes up for each lag, shape (n_directions, n_lags)."""
-        count = self.directions.shape[1]
-        return np.asarray(
-            np.linalg.lstsq(self.triangle[:count, :count], self.triangle[:count, count:-1], rcond=None)[0]
-        )
-
-    def moments(self, most: float) -> FloatArray:
-        """What the readings leave of the amplitudes of the lags, ``E[a a']``: of sizes up to about the most."""
-        count = self.directions.shape[1]
-        left, missed = self.triangle[count:, count:-1], self.triangle[count:, -1]
-        turned, size, along = np.linalg.svd(left, full_matrices=False)
-        shown = turned.T @ missed
-        rest = max(float(missed @ missed - shown @ shown), 0.0)
-        freedom = max(self.driven - count, 1)
-        sizes = np.append(0.0, most * _SIZES)
-        shares = 1.0 + np.square(np.outer(sizes, size))
-        variances = (rest + np.sum(shown**2 / shares, axis=1)) / freedom
-        likelihood = -0.5 * (freedom * np.log(np.maximum(variances, 1e-300)) + np.sum(np.log(shares), axis=1))
-        # Sizes lie evenly in their logarithm: each stands for as much as it is large.
-        beforehand = np.exp(-0.5 * _SIZES**2) * _SIZES
-        beforehand = np.append(1.0, beforehand / beforehand.sum())  # as likely as not, nothing
-        weight = np.exp(likelihood - likelihood.max()) * beforehand
-        weight /= weight.sum()
-        total = np.zeros((len(size), len(size)))
-        for part, own, variance, share in zip(weight, sizes, variances, shares, strict=True):
-            mean = own**2 * size * shown / share
-            total += part * (own**2 * variance * np.diag(1.0 / share) + np.outer(mean, mean))
-        return np.asarray(along.T @ total @ along)
+    outputs = dict.fromkeys(output for _, output in correlated.problem.pieces)
+    return {name: one for name in outputs if (one := _of_output(correlated, model, order, name)) is not None}
 
 
 def _of_output(correlated: Correlated, model: Actuator, order: Order, output: str) -> Unmodelled | None:
     problem, theta = correlated.problem, correlated.solution.theta
     records = [problem.record_at(place) for place, name in problem.pieces if name == output]
-    seen, largest = 0.0, 0.0
-    for record in records:
-        on = np.flatnonzero(record.run.voltage)
-        if len(on):
-            seen = max(seen, float(record.run.time[-1] - record.run.time[on[0]]))
-            largest = max(largest, float(np.abs(record.run.voltage).max()))
+    on = [(record.run.time, np.flatnonzero(record.run.voltage)) for record in records]
+    seen = max((float(time[-1] - time[rows[0]]) for time, rows in on if len(rows)), default=0.0)
+    largest = max(float(np.abs(record.run.voltage).max()) for record in records)
     step = min(record.step for record in records)
     if not seen > 2.0 * step:
         return None
@@ -128,18 +72,44 @@ def _of_output(correlated: Correlated, model: Actuator, order: Order, output: st
     readings = _readings(correlated, output, constants, spread)
     if readings is None or not most > 0.0:
         return None
-    values, vectors = np.linalg.eigh(readings.moments(most))
+    triangle, directions, driven = readings
+    known = directions.shape[1]
+    left, missed = triangle[known:, known:-1], triangle[known:, -1]
+    values, vectors = np.linalg.eigh(_moments(left, missed, most, max(driven - known, 1)))
     kept = values > _NEGLIGIBLE * values.sum()
     if not kept.any() or not np.isfinite(values).all():
         return None
     factors = vectors[:, kept] * np.sqrt(values[kept])
-    entries = -readings.directions @ readings.moved() @ factors
+    # By how much each direction makes up for each lag.
+    made_up = np.linalg.lstsq(triangle[:known, :known], triangle[:known, known:-1], rcond=None)[0]
+    entries = -directions @ made_up @ factors
     moved = {
         order(unknown.name): tuple((unknown.chain(unknown.value(float(theta[place]))) * entries[place]).tolist())
         for place, unknown in problem.asked
     }
     amplitudes = (spread[:, None] * factors).T
     return Unmodelled(tuple(constants.tolist()), tuple(map(tuple, amplitudes.tolist())), moved, seen)
+
+
+def _moments(left: FloatArray, missed: FloatArray, most: float, freedom: int) -> FloatArray:
+    """What the readings leave of the amplitudes of the lags, ``E[a a']``: of sizes up to about the most."""
+    turned, size, along = np.linalg.svd(left, full_matrices=False)
+    shown = turned.T @ missed
+    rest = max(float(missed @ missed - shown @ shown), 0.0)
+    sizes = np.append(0.0, most * _SIZES)
+    shares = 1.0 + np.square(np.outer(sizes, size))
+    variances = (rest + np.sum(shown**2 / shares, axis=1)) / freedom
+    likelihood = -0.5 * (freedom * np.log(np.maximum(variances, 1e-300)) + np.sum(np.log(shares), axis=1))
+    # Sizes lie evenly in their logarithm: each stands for as much as it is large.
+    beforehand = np.exp(-0.5 * _SIZES**2) * _SIZES
+    beforehand = np.append(1.0, beforehand / beforehand.sum())  # as likely as not, nothing
+    weight = np.exp(likelihood - likelihood.max()) * beforehand
+    weight /= weight.sum()
+    total = np.zeros((len(size), len(size)))
+    for part, own, variance, share in zip(weight, sizes, variances, shares, strict=True):
+        mean = own**2 * size * shown / share
+        total += part * (own**2 * variance * np.diag(1.0 / share) + np.outer(mean, mean))
+    return np.asarray(along.T @ total @ along)
 
 
 def _relaxes_by(model: Actuator, output: str, voltage: float, step: float, seen: float) -> float:
@@ -152,8 +122,19 @@ def _relaxes_by(model: Actuator, output: str, voltage: float, step: float, seen:
     return found if np.isfinite(found) else 0.0
 
 
-def _readings(correlated: Correlated, output: str, constants: FloatArray, spread: FloatArray) -> _Readings | None:
-    """All readings, with the lags in those of one output."""
+def _readings(
+    correlated: Correlated, output: str, constants: FloatArray, spread: FloatArray
+) -> tuple[FloatArray, FloatArray, int] | None:
+    """All readings as independent rows of variance one, with the lags in those of one output.
+
+    Returns
+    -------
+    triangle : float array, shape (n_directions + n_lags + 1, n_directions + n_lags + 1)
+        What the parameters can imitate in front, lags, and last what the model missed.
+    directions : float array, shape (n_unknown, n_directions)
+    driven : int
+        Readings under voltage.
+    """
     problem, here = correlated.problem, correlated.solution.evaluation
     directions = directions_of(here)
     known, count = directions.shape[1], len(constants)
@@ -191,4 +172,4 @@ def _readings(correlated: Correlated, output: str, constants: FloatArray, spread
     triangle = np.zeros((known + count + 1, known + count + 1))
     found = np.linalg.qr(every, mode="r")
     triangle[: len(found)] = found
-    return _Readings(triangle, directions, driven)
+    return triangle, directions, driven

@@ -37,7 +37,11 @@ def sensitivity(actuator: Actuator, names: Sequence[str], outputs: Sequence[str]
 
     A parameter that may be zero counts against its usual size where that is larger.
     """
-    sizes = _sizes(actuator, names)
+    known = actuator.parameters()
+    unknowns = [actuator_unknown(known[name], None) for name in names]
+    sizes: FloatArray = np.array(
+        [max(abs(actuator[one.base]), one.lower if one.log else one.scale) for one in unknowns]
+    )
     if actuator.system.law_ports is None and not (actuator.structure.laser and "displacement" in outputs):
         return _over_frequencies(actuator, names, outputs) * sizes
     return _over_staircase(actuator, names, outputs, voltage) * sizes
@@ -98,12 +102,6 @@ def others(
         if largest > 0.0 and float(np.linalg.norm(matrix @ row)) > rounding * largest:
             found.append(output)
     return tuple(found)
-
-
-def _sizes(actuator: Actuator, names: Sequence[str]) -> FloatArray:
-    known = actuator.parameters()
-    unknowns = [actuator_unknown(known[name], None) for name in names]
-    return np.array([max(abs(actuator[one.base]), one.lower if one.log else one.scale) for one in unknowns])
 
 
 def _over_frequencies(actuator: Actuator, names: Sequence[str], outputs: Sequence[str]) -> FloatArray:

@@ -37,8 +37,7 @@ def relative_errors(unknowns: Sequence[Unknown], values: FloatArray, found: Unce
     slow pole at zero), a ratio of nothing with no error says nothing.
     """
     size = sizes(unknowns, values)
-    static = np.array([STATIC.get(unknown.base, 0.0) for unknown in unknowns])
-    is_any = float(static @ found.covariance @ static) > HARDLY**2 or np.any(np.abs(found.null @ static) > MOVED)
+    is_any = _error_of_static([unknown.base for unknown in unknowns], found) > HARDLY
     ratios = np.array([is_proportional(unknown.base) for unknown in unknowns], dtype=bool)
     errors = np.sqrt(np.maximum(found.covariance.diagonal(), 0.0)) / size
     moved = np.any(np.abs(found.null / size) > MOVED, axis=0)
@@ -74,7 +73,10 @@ def directions(
     fast = fast_modes(actuator, records)
     named = [_null_direction(unknowns, row, records, actuator) for row in sparse(found.null / size)]
     covariance = sharper.covariance / (size[:, None] * size)
-    to_rivals = _distances(unknowns, values, rivals) / size
+    # Of each entry to the farthest other fit that is as good.
+    own = np.array([unknown.entry(float(value)) for unknown, value in zip(unknowns, values, strict=True)])
+    away = np.array([own, *(rival.vector_of(unknowns, own) for rival in rivals)]) - own
+    to_rivals = np.abs(away).max(axis=0) / size
     nameless = np.any(np.abs(found.null / size) > MOVED, axis=0)
     exchanged = series_against_branches(
         names, covariance, np.where(nameless, 0.0, to_rivals), DETERMINED, _outputs(records)
@@ -92,9 +94,13 @@ def directions(
         chosen = [int(np.argmax(variances))]
     for place in chosen:
         row, error = vectors[:, place], float(np.sqrt(variances[place]))
-        reason = _uncertain_value(row, found, size)
-        plain = _direction(names, row, error, records, fast)
-        named.append(_held_uncertain(plain, reason) if reason else plain)
+        named.append(_direction(names, row, error, records, fast))
+        held = _uncertain_value(row, found, size)
+        if held:
+            cure = measured(held) or f"measure {held} better"
+            what = named[-1].sentence.split("; ")[0]
+            said = f"{what}: the stated uncertainty of {held} leaves it open; {cure}"
+            named[-1] = replace(named[-1], sentence=said, cures=(f"measure {held}",))
     against = _gain_against_zero(names, known, found, errors, records, exact)
     if against is not None:
         named = [*(direction for direction in named if not _is_gain_against_zero(direction)), against]
@@ -162,14 +168,6 @@ def _uncertain_value(row: FloatArray, found: Uncertainty, size: FloatArray) -> s
     return max(leverages, key=leverages.__getitem__) if max(leverages.values()) > 0.0 else ""
 
 
-def _held_uncertain(plain: Direction, held: str) -> Direction:
-    what = plain.sentence.split("; ")[0]
-    cure = measured(held) or f"measure {held} better"
-    return replace(
-        plain, sentence=f"{what}: the stated uncertainty of {held} leaves it open; {cure}", cures=(f"measure {held}",)
-    )
-
-
 def _null_direction(
     unknowns: Sequence[Unknown], row: FloatArray, records: Sequence[PreparedRun], actuator: Actuator
 ) -> Direction:
@@ -212,13 +210,6 @@ def _shown_by(
         if not any(unknown.place is not None for unknown in unknowns):
             break
     return tuple(found)
-
-
-def _distances(unknowns: Sequence[Unknown], values: FloatArray, rivals: Sequence[Rival]) -> FloatArray:
-    """Distance of each entry to the farthest other fit that is as good."""
-    own = np.array([unknown.entry(float(value)) for unknown, value in zip(unknowns, values, strict=True)])
-    there = [rival.vector_of(unknowns, own) for rival in rivals]
-    return np.asarray(np.abs(np.array([own, *there]) - own).max(axis=0))
 
 
 def _outputs(records: Sequence[PreparedRun]) -> list[str]:
@@ -314,10 +305,10 @@ def _gain_against_zero(
         rate = 3.0 * nyquist / np.pi
     else:
         return None
-    half = float(np.sqrt(0.5))
+    half, power = float(np.sqrt(0.5)), 10.0 ** np.floor(np.log10(rate))
     sentence = (
         f"coupling.gain and coupling.zero can move against each other: {why}, so only d(0) = K_d Z_d/P_2d"
-        f"{_static(names, values, found, exact)} is known; record at {_round_up(rate):g} S/s or more"
+        f"{_static(names, values, found, exact)} is known; record at {np.ceil(rate / power) * power:g} S/s or more"
     )
     coefficients = dict.fromkeys(names, 0.0) | {"coupling.gain": half, "coupling.zero": -half}
     return Direction(coefficients, sentence, np.inf)
@@ -341,8 +332,3 @@ def _error_of_static(names: Sequence[str], found: Uncertainty) -> float:
     if np.any(np.abs(found.null @ weights) > MOVED):
         return math.inf
     return math.sqrt(max(float(weights @ found.covariance @ weights), 0.0))
-
-
-def _round_up(rate: float) -> float:
-    power = 10.0 ** np.floor(np.log10(rate))
-    return float(np.ceil(rate / power) * power)

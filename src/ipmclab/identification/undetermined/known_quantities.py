@@ -113,9 +113,11 @@ def _of_runs(actuator: Actuator, points: Sequence[Point], alike: Sequence[Prepar
             continue
         low = min(other[name].interval[0] for other in each)
         high = max(other[name].interval[1] for other in each)
-        if _is_narrow(name, one.value, low, high) and not (
-            name == AT_ONCE and _peak_contradicts(points[0], alike, low)
-        ):
+        if not math.isfinite(high - low) or low <= 0.0 <= high:
+            continue  # a logarithm that went beyond all numbers, or a gain that may have either sign
+        half = 0.5 * (math.log(high / low) if derived(name).positive else (high - low) / abs(one.value))
+        # As well as a parameter that is called determined.
+        if half <= NORMAL_95 * DETERMINED and not (name == AT_ONCE and _peak_contradicts(points[0], alike, low)):
             known.append(replace(one, interval=(low, high)))
     return known
 
@@ -127,14 +129,6 @@ def _peak_contradicts(point: Point, records: Sequence[PreparedRun], resistance: 
         for record in records
         if record.place in point.of_sensor
     )
-
-
-def _is_narrow(name: str, value: float, low: float, high: float) -> bool:
-    """Whether it is known as well as a parameter that is called determined."""
-    if not math.isfinite(high - low) or low <= 0.0 <= high:
-        return False  # a logarithm that went beyond all numbers, or a gain that may have either sign
-    half = 0.5 * (math.log(high / low) if derived(name).positive else (high - low) / abs(value))
-    return half <= NORMAL_95 * DETERMINED
 
 
 _Neighbours = tuple[Mapping[str, float], Mapping[str, float], float]

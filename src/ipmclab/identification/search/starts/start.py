@@ -80,13 +80,15 @@ def starting_points(
         bases = [{**base, share: part} for base in bases for part in _DIRECT_SHARES]
     known = {record.place: record.known_delay for record in records if record.known_delay is not None}
     shifts = {**known, **starts_of(delays)}
-    only_electrical = exact and _only_electrical(actuator, free, records)
+    # Whether the poles and residues of all currents together are the whole problem.
+    electrical = {DC, *(name for name in actuator.parameter_values if name.startswith("circuit.branches."))}
+    exact = exact and free == electrical and len({record.series_resistance for record in records}) == 1
     for base in bases:
         strip = actuator.replace(**allowed(actuator, {**base, **without_further(actuator, free)}))
         for motion in _motion_starts(strip, free, records, shifts):
             moving = strip.replace(**allowed(strip, motion))
             for further in further_starts(moving, free, records, shifts):
-                yield StartingPoint({**base, **motion, **further}, delays, only_electrical)
+                yield StartingPoint({**base, **motion, **further}, delays, exact)
 
 
 def known_first(
@@ -136,12 +138,6 @@ def _motion_starts(
 
 def _freed(values: Mapping[str, float], free: set[str]) -> dict[str, float]:
     return {name: value for name, value in values.items() if name in free}
-
-
-def _only_electrical(actuator: Actuator, free: set[str], records: Sequence[PreparedRun]) -> bool:
-    """Whether the poles and residues of all currents together are the whole problem."""
-    electrical = {DC, *(name for name in actuator.parameter_values if name.startswith("circuit.branches."))}
-    return free == electrical and len({record.series_resistance for record in records}) == 1
 
 
 def allowed(actuator: Actuator, values: Mapping[str, float]) -> dict[str, float]:

@@ -15,7 +15,7 @@ from ipmclab.identification.search.searched_run import SearchedRun, moves_of_row
 from ipmclab.identification.search.varpro import PoleFit, search_poles
 from ipmclab.model import geometry
 from ipmclab.model.admittance import Admittance, Elements, elements
-from ipmclab.run import FloatArray, Run
+from ipmclab.run import Run
 
 _DELAY_PARTS: Final = 4  # trials within each row
 _LEAST_DIRECT: Final = 1e-12  # S, where the current reads zero throughout
@@ -126,12 +126,8 @@ def _locate(records: Sequence[PreparedRun], record: PreparedRun, branches: int, 
     best = int(np.argmin(costs))
     readings = sum(int(np.count_nonzero(r.readings["current"].exact)) for r in records)
     allowed = costs <= costs[best] * (1.0 + _SAME_COST / readings)
-    first = last = best
-    while first > 0 and allowed[first - 1]:
-        first -= 1
-    while last < len(steps) - 1 and allowed[last + 1]:
-        last += 1
-    chosen = np.arange(first, last + 1)
+    stretches = np.split(np.arange(len(steps)), 1 + np.flatnonzero(np.diff(allowed)))
+    chosen = next(stretch for stretch in stretches if best in stretch)
     if series is not None:
         total = series + record.series_resistance
         physical = [place for place in chosen if elements(total, admittance_of(tried[place])).is_physical()]
@@ -183,17 +179,14 @@ def circuit_values(fractions: Admittance, values: Mapping[str, float], series: f
     """
     exact = elements(series, fractions)
     physical = exact.is_physical()
-    return named_values(exact if physical else _nearest(series, fractions), values), physical
-
-
-def named_values(circuit: Elements, values: Mapping[str, float]) -> dict[str, float]:
-    """Resistivities and permittivities of lumped elements (Friend, eqs 4.2 to 4.6)."""
+    circuit = exact if physical else _nearest(series, fractions)
+    # Resistivities and permittivities of lumped elements (Friend, eqs 4.2 to 4.6).
     scale = float(np.real(geometry.area_per_thickness(values)))
     found = {"circuit.dc_resistivity": circuit.leak * scale}
     for number, (resistance, capacitance) in enumerate(zip(circuit.resistances, circuit.capacitances, strict=True)):
         found[f"circuit.branches.{number}.resistivity"] = float(resistance) * scale
         found[f"circuit.branches.{number}.permittivity"] = float(capacitance) / scale
-    return found
+    return found, physical
 
 
 def _nearest(series: float, fractions: Admittance) -> Elements:
@@ -206,7 +199,10 @@ def _nearest(series: float, fractions: Admittance) -> Elements:
     weights = np.maximum(-fractions.residues / -fractions.poles, 1e-3 * direct)
     # The current that is left at the end, direct - sum(weights), must stay above zero.
     weights *= min(1.0, 0.99 * direct / float(np.sum(weights)))
-    found = elements(series, Admittance(direct, weights * fractions.poles, _separated(fractions.poles)))
+    apart = np.sort(fractions.poles)
+    for place in range(1, len(apart)):
+        apart[place] = max(apart[place], apart[place - 1] / _MET)
+    found = elements(series, Admittance(direct, weights * fractions.poles, apart))
     if found.is_physical():
         return found
     count = len(fractions.poles)
@@ -221,11 +217,3 @@ def _shared(fractions: Admittance) -> Admittance:
     for group in np.split(np.arange(len(poles)), 1 + np.flatnonzero(np.diff(np.log(-poles)) <= -math.log(_MET))):
         poles[group], residues[group] = -np.exp(np.mean(np.log(-poles[group]))), np.mean(residues[group])
     return Admittance(fractions.direct, residues, poles)
-
-
-def _separated(poles: FloatArray) -> FloatArray:
-    """The same poles, fastest first, no two nearer than ``_MET``."""
-    sorted_poles = np.sort(poles)
-    for place in range(1, len(sorted_poles)):
-        sorted_poles[place] = max(sorted_poles[place], sorted_poles[place - 1] / _MET)
-    return sorted_poles

@@ -53,8 +53,9 @@ def coupling_starts(
     separate = stiffness_is_free and bool(moving) and bool(pressing)
     if slow["displacement"] == slow["force"] == 0:
         every = moving if separate else motion
-        stiffness = _stiffness(_minima(moving, 2)[0], pressing) if separate else 1.0
-        return [_named(start) | _modulus(actuator, stiffness, separate) for start in _from(every, _minima(every, 2))]
+        minima = _minima(every, 2)
+        modulus = {"beam.modulus": actuator["beam.modulus"] * _stiffness(minima[0], pressing)} if separate else {}
+        return [_named(start) | modulus for start in _from(every, minima)]
     starts = []
     for of, other in ((moving, pressing), (pressing, moving)):
         if not of or (separate and of is pressing):
@@ -63,7 +64,9 @@ def coupling_starts(
             values = _named(start) | own
             if other:
                 stiffness, of_other = _with_other(start, other, slow[other[0].output], separate=separate)
-                values |= slow_values(actuator, other[0].output, of_other) | _modulus(actuator, stiffness, separate)
+                values |= slow_values(actuator, other[0].output, of_other)
+                if separate:
+                    values["beam.modulus"] = actuator["beam.modulus"] * stiffness
             starts.append(values)
     return starts
 
@@ -93,10 +96,6 @@ def _turning(of: Sequence[Motion], found: PoleFit) -> tuple[_Start, dict[str, fl
         f"{name}.damping_ratio": 0.5 * slow.p1 * tau,
     }
     return start, values
-
-
-def _modulus(actuator: Actuator, stiffness: float, separate: bool) -> dict[str, float]:
-    return {"beam.modulus": actuator["beam.modulus"] * stiffness} if separate else {}
 
 
 @dataclass(frozen=True)
@@ -160,7 +159,10 @@ def _from(motion: Sequence[Motion], real: Sequence[PoleFit], *, slow_may_turn: b
     hopeless, starts = _HOPELESS * real[0].cost, []
     for found in real[:_MINIMA]:
         if found.cost < hopeless or found is real[0]:
-            own = _fast_pair(found)
+            # Any two poles would do for d(s), for which is called slow is a name: the fastest two with a positive d(0).
+            pairs = [list(pair) for pair in combinations(range(len(found.poles)), 2)]
+            positive = (fast for fast in pairs if _of_poles(found.poles[fast], found.residues[fast]).level > 0.0)
+            own = next(positive, pairs[0])
             rest = np.delete(found.poles, own), np.delete(found.residues, own)
             starts.append(_start(motion, _of_poles(found.poles[own], found.residues[own]), *rest))
     count = len(real[0].poles) - 2
@@ -170,15 +172,6 @@ def _from(motion: Sequence[Motion], real: Sequence[PoleFit], *, slow_may_turn: b
         if found.cost < _HOPEFUL * real[0].cost and not is_slow:
             starts.append(_start(motion, fast, found.poles, found.residues))
     return starts
-
-
-def _fast_pair(found: PoleFit) -> list[int]:
-    """Which two poles are those of d(s).
-
-    Any two would do, for which is called slow is a name: the fastest two that a positive d(0) can have.
-    """
-    every = [list(pair) for pair in combinations(range(len(found.poles)), 2)]
-    return next((fast for fast in every if _of_poles(found.poles[fast], found.residues[fast]).level > 0.0), every[0])
 
 
 def _with_other(
@@ -217,26 +210,21 @@ def _within_drifts(
     """What a search finds, no sensor drifting by more than its rows at 0 V allow."""
     runs = [one.run for one in motion]
     found = search(runs, _sensors(motion))
-    held = dict(_beyond(motion, found[0].common)) if found else {}
+    held: dict[int, float] = {}
+    for (k, is_slope), weight in zip(_columns(motion), found[0].common, strict=True) if found else ():
+        if is_slope:
+            one = motion[k]
+            slope = float(weight) / float(one.run.time[-1])
+            least, most = one.record.limits("drift", one.output)
+            nearest = min(max(slope, least / one.scale), most / one.scale)
+            if nearest != slope:
+                held[k] = nearest
     if not held:
         return found
     series = [
         replace(run, readings=run.readings - held[k] * run.time) if k in held else run for k, run in enumerate(runs)
     ]
     return search(series, _sensors(motion, without=held))
-
-
-def _beyond(motion: Sequence[Motion], common: FloatArray) -> Iterator[tuple[int, float]]:
-    """The series whose slope is none that its rows at 0 V allow, and the nearest one that is."""
-    for (k, is_slope), weight in zip(_columns(motion), common, strict=True):
-        if not is_slope:
-            continue
-        one = motion[k]
-        slope = float(weight) / float(one.run.time[-1])
-        least, most = one.record.limits("drift", one.output)
-        nearest = min(max(slope, least / one.scale), most / one.scale)
-        if nearest != slope:
-            yield k, nearest
 
 
 def _columns(motion: Sequence[Motion], without: Container[int] = ()) -> list[tuple[int, bool]]:

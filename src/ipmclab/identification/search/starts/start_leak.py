@@ -71,7 +71,7 @@ def leak_starts(
     known = admittance(lumped(structure.branches, actuator.parameter_values, records[0].series_resistance))[0]
 
     def circuit_with(leak: FloatArray) -> Admittance:
-        return node.circuit(leak, structure.branches) if circuit_is_free else known
+        return admittance_of(fitted_poles(node.without(leak), structure.branches)) if circuit_is_free else known
 
     def beside(fractions: Admittance, leak: FloatArray) -> tuple[FloatArray, FloatArray]:
         return node.around(fractions, leak) if circuit_is_free else node.at(fractions)
@@ -82,8 +82,10 @@ def leak_starts(
     shapes = _shapes(structure.leak, node.voltage)
     if not shapes:  # so large a voltage that any of them would draw what no number holds
         return []
-    # A law that bends anywhere comes first, beside which the circuit is found.
-    bending = shapes[0].columns if len(shapes) == 1 else _hinges(node.voltage)
+    # A law that bends anywhere, whatever its form, comes first, beside which the circuit is found.
+    size = np.abs(node.voltage)
+    hinges = [np.sign(node.voltage) * np.maximum(size - part * size.max(), 0.0) for part in _HINGES]
+    bending = shapes[0].columns if len(shapes) == 1 else np.array(hinges)
     leak = np.zeros_like(node.voltage)
     for _ in range(_ROUNDS):
         fractions = circuit_with(leak)
@@ -145,19 +147,12 @@ class _Node:
         """The runs as a circuit without its leak sees them: drawn less, at a voltage that is lower by as much."""
         found = []
         for run, piece, _ in side_by_side(self.series):
-            given, lower = run.drive, _driven(run, leak[piece])
-            given = replace(
-                given,
-                start=given.start - self.series_resistance * lower.start,
-                end=given.end - self.series_resistance * lower.end,
-                present=given.present - self.series_resistance * lower.present,
-            )
-            found.append(replace(run, drive=given, readings=run.readings - leak[piece]))
+            lower, drop = _driven(run, leak[piece]), self.series_resistance
+            lowered = {
+                name: getattr(run.drive, name) - drop * getattr(lower, name) for name in ("start", "end", "present")
+            }
+            found.append(replace(run, drive=replace(run.drive, **lowered), readings=run.readings - leak[piece]))
         return found
-
-    def circuit(self, leak: FloatArray, branches: int) -> Admittance:
-        """Poles and residues of the circuit beside a leak [A]."""
-        return admittance_of(fitted_poles(self.without(leak), branches))
 
     def at(self, fractions: Admittance) -> tuple[FloatArray, FloatArray]:
         """No columns, and what a circuit without a leak leaves of the currents."""
@@ -220,12 +215,6 @@ def _leaks(actuator: Actuator, node: _Node) -> FloatArray:
 def _area(actuator: Actuator) -> float:
     """Where the electrodes leak, all places together [m^2]."""
     return float(sum(np.real(area) for _, _, area in actuator.structure.law_ports(actuator.parameter_values)))
-
-
-def _hinges(voltage: FloatArray) -> FloatArray:
-    """Columns that any law bends along, whatever its form."""
-    size, most = np.abs(voltage), float(np.abs(voltage).max())
-    return np.array([np.sign(voltage) * np.maximum(size - part * most, 0.0) for part in _HINGES])
 
 
 def _shapes(form: str, voltage: FloatArray) -> list[_Shape]:
