@@ -36,3 +36,22 @@ def test_a_drift_of_the_laser_makes_no_motion_of_another_strip(drift: float, hol
         fit = brief(strip, run, free, followed=False)
         assert (CODE in {finding.code for finding in fit.findings}) is not own
         assert ("displacement" in fit.residuals[0]) is own
+
+
+@pytest.mark.parametrize("signal", ["step 1 V", "sine 1 V 0.1 Hz"])
+def test_a_motion_that_hardly_shows_in_its_noise_makes_no_other_strip(signal: str) -> None:
+    """What the coupling leaves is noise: it was said to explain nothing, and the motion was left out."""
+    strip = ipmclab.load_actuator("friend-2")
+    clean = ipmclab.simulate(strip, signal, duration=20, rate=50)
+    assert clean.displacement is not None
+    assert clean.current is not None
+    noise = np.random.default_rng(3).normal(0.0, 1.0, (2, len(clean)))
+    run = Run.from_arrays(
+        time=clean.time,
+        voltage=clean.voltage,
+        current=clean.current + 1e-4 * noise[0],
+        displacement=clean.displacement + float(np.std(clean.displacement)) * noise[1],
+    )
+    fit = brief(strip, run, "electrical,circuit.sheet_resistance", followed=False)
+    assert CODE not in {finding.code for finding in fit.findings}
+    assert "displacement" in fit.residuals[0]

@@ -9,7 +9,7 @@ import numpy as np
 from ipmclab.identification.problem.edge_delay import starts_of
 from ipmclab.identification.problem.free import FreeParameters
 from ipmclab.identification.problem.record import PreparedRun
-from ipmclab.identification.search.doubts import HALF
+from ipmclab.identification.search.doubts import HALF, is_noise
 from ipmclab.identification.search.starts.start import allowed, starting_points
 from ipmclab.identification.search.starts.start_coupling import motion_series
 from ipmclab.identification.search.starts.start_in_state import in_one_state, there_alone
@@ -27,6 +27,7 @@ def motion_of_another_coupling(
     Where the coupling is not free and belongs to another strip, what the motion says of a series resistance is wrong.
     The currents alone, their series resistance that of the file, say what drives the motion: a fit that read the motion
     too would be pulled by a drift of its sensor. A straight line is that sensor's, and none of what could be explained.
+    A motion of which the coupling leaves no more than its noise contradicts nothing.
 
     Parameters
     ----------
@@ -56,7 +57,10 @@ def motion_of_another_coupling(
             one[used] - columns @ np.linalg.lstsq(columns, one[used], rcond=None)[0]
             for one in (read.run.readings, left.run.readings)
         )
-        if np.sum(residual**2) < HALF**2 * np.sum(values**2):
+        size, varies = (
+            read.scale * float(np.linalg.norm(one)) / np.sqrt(max(len(one), 1)) for one in (residual, values)
+        )
+        if size <= HALF * varies or is_noise(size, read.record.readings[read.output]):
             explained.add(read.output)
     return [
         Finding(
