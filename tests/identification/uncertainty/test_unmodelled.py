@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,6 +12,9 @@ import pytest
 from ipmclab import InputError, Run, identify, load_actuator, prediction_bands, read_fit, simulate, validate, write_fit
 from ipmclab.fit.fit_file import fit_of
 from ipmclab.fit.unmodelled import Unmodelled, lagged
+from ipmclab.identification.solved import Estimate
+from ipmclab.identification.uncertainty.unmodelled import unmodelled
+from ipmclab.model.order import Order
 from ipmclab.run import FloatArray
 from tests.identification.many import FRIEND, NOISE, noisy
 
@@ -130,6 +134,36 @@ def test_a_lag_on_an_irregular_clock_is_that_on_a_regular_one() -> None:
     kept = np.unique(np.append(kept, [0, 40, 41, 42, 199]))
     regular, irregular = lagged(time, voltage, constants), lagged(time[kept], voltage[kept], constants)
     np.testing.assert_allclose(irregular, regular[:, kept], atol=1e-12)
+
+
+def test_a_fast_run_beside_a_long_one_costs_no_more_than_their_rows() -> None:
+    """The answer was computed at each row of the fast one, for as long as the long one is: 20 million rows."""
+    generator = np.random.default_rng(SEED)
+    fast = noisy(generator, "step 1 V", duration=0.2, rate=1000.0)
+    long = noisy(generator, "step 1 V", duration=20_000.0, rate=0.05)
+    fit = identify(FRIEND, [fast, long])
+    assert isinstance(fit.estimate, Estimate)
+    tracemalloc.start()
+    found = unmodelled(fit.estimate.correlated, FRIEND, Order(FRIEND.parameter_values))
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert found["current"].seen == pytest.approx(20_000.0, rel=0.01)
+    assert most < 20e6
+
+
+@pytest.mark.parametrize("per", ["per_run", "per_mounting"])
+def test_what_each_mounting_has_for_itself_makes_up_for_it_in_another_too(per: str) -> None:
+    """A model that is right: it was taken not to have moved there, and the band became eleven times the noise."""
+    generator = np.random.default_rng(SEED)
+    name, runs = "coupling.gain", []
+    for mounting, gain in (("a", 1.0), ("b", 1.2), ("c", 0.9)):
+        strip = FRIEND.replace(**{name: gain * FRIEND[name]})
+        runs.append(noisy(generator, "step 1 V", strip=strip, outputs=("current", "displacement"), mounting=mounting))
+    fit = identify(FRIEND, runs, free=["electrical", "coupling"], **{per: name})
+    sine = simulate(FRIEND, "sine 1 V 0.2 Hz", duration=20.0, rate=RATE)
+    for mounting in (None, "b", "new"):
+        run = replace(sine, metadata=replace(sine.metadata, mounting_id=mounting))
+        assert np.max(prediction_bands(fit, run).of_model["displacement"]) < 0.1 * NOISE["displacement"]
 
 
 def test_validate_says_that_a_run_is_longer_than_those_of_the_fit() -> None:
