@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import ipmclab
-from ipmclab import Run
+from ipmclab import Run, RunMetadata
+from ipmclab.model.environment import Environment
 from tests.identification.brief import brief
 
 CODE = "coupling-not-identified"
@@ -55,3 +56,26 @@ def test_a_motion_that_hardly_shows_in_its_noise_makes_no_other_strip(signal: st
     fit = brief(strip, run, "electrical,circuit.sheet_resistance", followed=False)
     assert CODE not in {finding.code for finding in fit.findings}
     assert "displacement" in fit.residuals[0]
+
+
+@pytest.mark.parametrize(("humidities", "factor"), [((50.0, 80.0), 1.0), ((80.0, 50.0), 1.0), ((50.0, 80.0), -1.0)])
+def test_a_motion_in_another_air_than_the_current_is_that_of_the_strip_there(
+    humidities: tuple[float, float], factor: float
+) -> None:
+    """Both were taken to be in the air of the first run, and a strip that moves more in its own for another one."""
+    strip = ipmclab.load_actuator("friend-2+environment.permittivity+environment.coupling_gain")
+    noise = np.random.default_rng(3).normal(0.0, 1.0, (2, 300))
+    runs = []
+    for number, humidity in enumerate(humidities):
+        clean = ipmclab.simulate(strip.at(Environment(20.0, humidity)), "step 0.5 V", duration=12, rate=25)
+        assert clean.displacement is not None
+        assert clean.current is not None
+        read = {
+            "current": clean.current + 1e-4 * noise[0],
+            "displacement": factor * clean.displacement + 3e-6 * noise[1],
+        }
+        output = ("current", "displacement")[number]
+        about = RunMetadata(temperature=20.0, relative_humidity=humidity, run_number=number)
+        runs.append(Run.from_arrays(time=clean.time, voltage=clean.voltage, metadata=about, **{output: read[output]}))
+    fit = brief(strip, runs, "electrical,circuit.sheet_resistance", followed=False)
+    assert (CODE in {finding.code for finding in fit.findings}) is (factor < 0.0)
