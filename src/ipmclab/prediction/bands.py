@@ -268,7 +268,7 @@ def standard_error_of_model(
             for base, values in _moved_in(fit, one.moved, mounting).items()
             if base in actuator.parameter_values or base in drive.rates
         }
-        names, columns = tuple(moved), np.array(list(moved.values())).reshape(len(moved), -1)
+        names, columns = tuple(moved), np.array(list(moved.values())).reshape(len(moved), len(one.amplitudes))
         if drive.state is not None:
             names, moves = moves_in_state(names, actuator, drive.state, drive.rates)
             columns = moves.T @ columns

@@ -79,3 +79,19 @@ def test_a_motion_in_another_air_than_the_current_is_that_of_the_strip_there(
         runs.append(Run.from_arrays(time=clean.time, voltage=clean.voltage, metadata=about, **{output: read[output]}))
     fit = brief(strip, runs, "electrical,circuit.sheet_resistance", followed=False)
     assert (CODE in {finding.code for finding in fit.findings}) is (factor < 0.0)
+
+
+def test_a_motion_that_is_beyond_its_range_throughout_contradicts_no_coupling() -> None:
+    """Each reading is a bound alone: there is none to hold against what the currents say."""
+    strip = ipmclab.load_actuator("friend-2")
+    clean = ipmclab.simulate(strip, "step 1 V delay=2 s", duration=20, rate=25)
+    assert clean.current is not None
+    run = Run.from_arrays(
+        time=clean.time,
+        voltage=clean.voltage,
+        current=clean.current + np.random.default_rng(3).normal(0.0, 1e-4, len(clean)),
+        displacement=np.full(len(clean), 2e-4),
+        metadata=RunMetadata(ranges={"displacement": (-1e-4, 2e-4)}),
+    )
+    fit = brief(strip, run, "electrical,circuit.sheet_resistance", followed=False)
+    assert CODE not in {finding.code for finding in fit.findings}

@@ -166,6 +166,20 @@ def test_what_each_mounting_has_for_itself_makes_up_for_it_in_another_too(per: s
         assert np.max(prediction_bands(fit, run).of_model["displacement"]) < 0.1 * NOISE["displacement"]
 
 
+def test_a_fit_of_a_zero_alone_has_a_band_too() -> None:
+    """None of the strip's own parameters moved to make up for what the model may lack."""
+    run = noisy(np.random.default_rng(SEED), "step 1 V")
+    fit = identify(FRIEND, run, free="observation.offset.current")
+    bands = prediction_bands(fit, STEP)
+    assert 0.0 < np.max(bands.of_model["current"]) < NOISE["current"]
+    assert np.all(bands.of_parameters["current"] == 0.0)
+
+
+def test_no_time_constant_at_all_is_nothing_lacking() -> None:
+    none = Unmodelled.from_table({"time_constants": [], "amplitudes": [[], []], "moved": {}, "seen": 1.0})
+    np.testing.assert_array_equal(none.answers(STEP.time, STEP.voltage), np.zeros((2, len(STEP))))
+
+
 def test_validate_says_that_a_run_is_longer_than_those_of_the_fit() -> None:
     generator = np.random.default_rng(SEED)
     fit = identify(FRIEND, noisy(generator, "step 1 V", duration=15.0))

@@ -49,12 +49,15 @@ def motion_of_another_coupling(
         there = strip if record.state is None else strip_in_state(strip, record.state, {})
         for left in motion_series(there, [record], delays, known_part=there):
             reading = record.readings[left.output]
+            if not reading.exact.any():  # all of it beyond the range of its instrument
+                explained.add(left.output)
+                continue
             columns = constants(left.run.time[reading.exact])
             values, residual = (
                 one[reading.exact] - columns @ np.linalg.lstsq(columns, one[reading.exact], rcond=None)[0]
                 for one in (reading.values, left.scale * left.run.readings)
             )
-            size, varies = (float(np.linalg.norm(one)) / np.sqrt(max(len(one), 1)) for one in (residual, values))
+            size, varies = (float(np.linalg.norm(one)) / np.sqrt(len(one)) for one in (residual, values))
             if size <= HALF * varies or is_noise(size, reading):
                 explained.add(left.output)
     return [
