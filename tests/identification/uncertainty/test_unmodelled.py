@@ -190,3 +190,19 @@ def test_validate_says_that_a_run_is_longer_than_those_of_the_fit() -> None:
     assert not any(one.code == "longer-than-fit" for one in same.findings)
     plain = validate(FRIEND, noisy(generator, "step 1 V", duration=30.0))
     assert not any(one.code == "longer-than-fit" for one in plain.findings)
+
+
+def test_the_noise_of_a_recorded_voltage_is_no_step() -> None:
+    """No recorded voltage is exactly zero before its step: the rest there was counted as time under voltage."""
+    generator = np.random.default_rng(SEED)
+    clean = simulate(FRIEND, "step 1 V delay=5 s", duration=20.0, rate=RATE)
+    assert clean.current is not None
+    run = Run.from_arrays(
+        time=clean.time,
+        voltage=clean.voltage + 1e-3 * generator.standard_normal(len(clean)),
+        current=clean.current + NOISE["current"] * generator.standard_normal(len(clean)),
+    )
+    fit = identify(FRIEND, run)
+    assert fit.unmodelled["current"].seen == pytest.approx(15.0, abs=0.1)
+    told = validate(fit.actuator, noisy(generator, "step 1 V", duration=20.0))
+    assert any(one.code == "longer-than-fit" for one in told.findings)

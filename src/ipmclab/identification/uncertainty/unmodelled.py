@@ -114,9 +114,8 @@ def _of_output(correlated: Correlated, model: Actuator, order: Order, output: st
     records = [problem.record_at(place) for place, name in problem.pieces if name == output]
     seen, largest = 0.0, 0.0
     for record in records:
-        on = np.flatnonzero(record.run.voltage)
-        if len(on):
-            seen = max(seen, float(record.run.time[-1] - record.run.time[on[0]]))
+        if record.resting < len(record.run):
+            seen = max(seen, float(record.run.time[-1] - record.run.time[record.resting]))
             largest = max(largest, float(np.abs(record.run.voltage).max()))
     step = min(record.step for record in records)
     if not seen > 2.0 * step:
