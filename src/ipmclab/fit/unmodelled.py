@@ -40,7 +40,7 @@ class Unmodelled(Tabled):
     def answers(self, time: FloatArray, voltage: FloatArray) -> FloatArray:
         """What each error of the model adds to the output by itself, shape (n_errors, n_time) [SI]."""
         lags = lagged(time, voltage, np.array(self.time_constants))
-        return np.asarray(np.array(self.amplitudes).reshape(-1, len(self.time_constants)) @ lags)
+        return np.asarray(np.array(self.amplitudes).reshape(len(self.amplitudes), len(lags)) @ lags)
 
     @classmethod
     def from_table(cls, table: Mapping[str, Any]) -> Unmodelled:

@@ -247,7 +247,8 @@ def standard_error_of_model(
 ) -> dict[str, FloatArray]:
     """Standard deviation of each output from what the model of a fit may lack, in a new run [SI].
 
-    Of an output without any it is nothing. What another run or mounting has for itself, this one has not.
+    Of an output without any it is nothing. Of what each run or mounting of the fit has for itself, a run of none of
+    them is simulated with the average, and so has the average of how that moved.
 
     Parameters
     ----------
@@ -259,16 +260,15 @@ def standard_error_of_model(
     drive : Drive
     outputs : sequence of str
     """
-    own = ending_of(mounting) if mounting else None
     found = {output: np.zeros(len(drive.time)) for output in outputs}
     for output in fit.unmodelled.keys() & found.keys():
         one = fit.unmodelled[output]
-        moved: dict[str, tuple[float, ...]] = {}
-        for name, values in one.moved.items():
-            base, bracket, rest = name.partition("[")
-            if (base in actuator.parameter_values or base in drive.rates) and bracket + rest in ("", own):
-                moved[base] = values
-        names, columns = tuple(moved), np.array(list(moved.values())).reshape(len(moved), -1)
+        moved = {
+            base: values
+            for base, values in _moved_in(fit, one.moved, mounting).items()
+            if base in actuator.parameter_values or base in drive.rates
+        }
+        names, columns = tuple(moved), np.array(list(moved.values())).reshape(len(moved), len(one.amplitudes))
         if drive.state is not None:
             names, moves = moves_in_state(names, actuator, drive.state, drive.rates)
             columns = moves.T @ columns
@@ -276,6 +276,20 @@ def standard_error_of_model(
         if names:
             missed = missed + columns.T @ drive.derivatives(actuator, names, [output])[0].T
         found[output] = np.sqrt(np.sum(missed**2, axis=0))
+    return found
+
+
+def _moved_in(fit: Fit, moved: Mapping[str, Sequence[float]], mounting: str | None) -> dict[str, FloatArray]:
+    """How far parameters moved as a new run has them, which may name its mounting; without endings of their names."""
+    own = ending_of(mounting) if mounting else ""
+    endings = [own_endings(place, observation.mounting) for place, observation in enumerate(fit.observations)]
+    found: dict[str, FloatArray] = {}
+    for base in dict.fromkeys(name.partition("[")[0] for name in moved):
+        if base in moved or base + own in moved:
+            found[base] = np.array(moved.get(base + own, moved.get(base)))
+        else:
+            of_each = [moved[base + ending] for each in endings for ending in each if base + ending in moved]
+            found[base] = np.sum(of_each, axis=0) / len(endings)
     return found
 
 

@@ -13,7 +13,7 @@ from ipmclab.fit.ages import rates_of
 from ipmclab.fit.as_fitted import listed
 from ipmclab.fit.fit import Fit
 from ipmclab.identification.problem.free_run import seen_from_sensor
-from ipmclab.identification.problem.record import PreparedRun, model_hold
+from ipmclab.identification.problem.record import PreparedRun, model_hold, rest_rows
 from ipmclab.model import Actuator
 from ipmclab.prediction.bands import (
     Drive,
@@ -130,8 +130,8 @@ def another_mounting(fit: Fit, run: Run, label: str) -> list[Finding]:
 def longer_than_fit(fit: Fit, run: Run, label: str) -> list[Finding]:
     """That a new run is longer under voltage than every run of the fit, so that nothing showed what comes last."""
     seen = max((one.seen for output, one in fit.unmodelled.items() if output in run.channels), default=0.0)
-    on = np.flatnonzero(run.voltage)
-    lasts = float(run.time[-1] - run.time[on[0]]) if len(on) else 0.0
+    resting = rest_rows(run)
+    lasts = float(run.time[-1] - run.time[resting]) if resting < len(run) else 0.0
     if not 0.0 < _LONGER * seen < lasts or place_in(fit, run) is not None:
         return []
     return [

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,6 +12,9 @@ import pytest
 from ipmclab import InputError, Run, identify, load_actuator, prediction_bands, read_fit, simulate, validate, write_fit
 from ipmclab.fit.fit_file import fit_of
 from ipmclab.fit.unmodelled import Unmodelled, lagged
+from ipmclab.identification.solved import Estimate
+from ipmclab.identification.uncertainty.unmodelled import unmodelled
+from ipmclab.model.order import Order
 from ipmclab.run import FloatArray
 from tests.identification.many import FRIEND, NOISE, noisy
 
@@ -132,6 +136,50 @@ def test_a_lag_on_an_irregular_clock_is_that_on_a_regular_one() -> None:
     np.testing.assert_allclose(irregular, regular[:, kept], atol=1e-12)
 
 
+def test_a_fast_run_beside_a_long_one_costs_no_more_than_their_rows() -> None:
+    """The answer was computed at each row of the fast one, for as long as the long one is: 20 million rows."""
+    generator = np.random.default_rng(SEED)
+    fast = noisy(generator, "step 1 V", duration=0.2, rate=1000.0)
+    long = noisy(generator, "step 1 V", duration=20_000.0, rate=0.05)
+    fit = identify(FRIEND, [fast, long])
+    assert isinstance(fit.estimate, Estimate)
+    tracemalloc.start()
+    found = unmodelled(fit.estimate.correlated, FRIEND, Order(FRIEND.parameter_values))
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert found["current"].seen == pytest.approx(20_000.0, rel=0.01)
+    assert most < 20e6
+
+
+@pytest.mark.parametrize("per", ["per_run", "per_mounting"])
+def test_what_each_mounting_has_for_itself_makes_up_for_it_in_another_too(per: str) -> None:
+    """A model that is right: it was taken not to have moved there, and the band became eleven times the noise."""
+    generator = np.random.default_rng(SEED)
+    name, runs = "coupling.gain", []
+    for mounting, gain in (("a", 1.0), ("b", 1.2), ("c", 0.9)):
+        strip = FRIEND.replace(**{name: gain * FRIEND[name]})
+        runs.append(noisy(generator, "step 1 V", strip=strip, outputs=("current", "displacement"), mounting=mounting))
+    fit = identify(FRIEND, runs, free=["electrical", "coupling"], **{per: name})
+    sine = simulate(FRIEND, "sine 1 V 0.2 Hz", duration=20.0, rate=RATE)
+    for mounting in (None, "b", "new"):
+        run = replace(sine, metadata=replace(sine.metadata, mounting_id=mounting))
+        assert np.max(prediction_bands(fit, run).of_model["displacement"]) < 0.1 * NOISE["displacement"]
+
+
+def test_a_fit_of_a_zero_alone_has_a_band_too() -> None:
+    """None of the strip's own parameters moved to make up for what the model may lack."""
+    run = noisy(np.random.default_rng(SEED), "step 1 V")
+    fit = identify(FRIEND, run, free="observation.offset.current")
+    bands = prediction_bands(fit, STEP)
+    assert 0.0 < np.max(bands.of_model["current"]) < NOISE["current"]
+    assert np.all(bands.of_parameters["current"] == 0.0)
+
+
+def test_no_time_constant_at_all_is_nothing_lacking() -> None:
+    none = Unmodelled.from_table({"time_constants": [], "amplitudes": [[], []], "moved": {}, "seen": 1.0})
+    np.testing.assert_array_equal(none.answers(STEP.time, STEP.voltage), np.zeros((2, len(STEP))))
+
+
 def test_validate_says_that_a_run_is_longer_than_those_of_the_fit() -> None:
     generator = np.random.default_rng(SEED)
     fit = identify(FRIEND, noisy(generator, "step 1 V", duration=15.0))
@@ -142,3 +190,19 @@ def test_validate_says_that_a_run_is_longer_than_those_of_the_fit() -> None:
     assert not any(one.code == "longer-than-fit" for one in same.findings)
     plain = validate(FRIEND, noisy(generator, "step 1 V", duration=30.0))
     assert not any(one.code == "longer-than-fit" for one in plain.findings)
+
+
+def test_the_noise_of_a_recorded_voltage_is_no_step() -> None:
+    """No recorded voltage is exactly zero before its step: the rest there was counted as time under voltage."""
+    generator = np.random.default_rng(SEED)
+    clean = simulate(FRIEND, "step 1 V delay=5 s", duration=20.0, rate=RATE)
+    assert clean.current is not None
+    run = Run.from_arrays(
+        time=clean.time,
+        voltage=clean.voltage + 1e-3 * generator.standard_normal(len(clean)),
+        current=clean.current + NOISE["current"] * generator.standard_normal(len(clean)),
+    )
+    fit = identify(FRIEND, run)
+    assert fit.unmodelled["current"].seen == pytest.approx(15.0, abs=0.1)
+    told = validate(fit.actuator, noisy(generator, "step 1 V", duration=20.0))
+    assert any(one.code == "longer-than-fit" for one in told.findings)

@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 
 from ipmclab.identification.problem.problem import Problem
-from ipmclab.identification.problem.record import PreparedRun
+from ipmclab.identification.problem.record import PreparedRun, Reading
 from ipmclab.identification.problem.response import lumped
 from ipmclab.identification.search.solve import Solution
 from ipmclab.model.structure import Structure
@@ -44,8 +44,7 @@ def unexplained(problem: Problem, left_of: Callable[[tuple[int, str]], FloatArra
         about = values - values.mean()
         residual = problem.noise[record.place, output] * math.sqrt(float(left @ left) / len(left))
         varies = math.sqrt(float(about @ about) / len(about))
-        is_noise = len(values) >= _ENOUGH and residual <= _NOISE * reading.noise
-        if residual < HALF * varies or is_noise or varies == 0.0:
+        if residual < HALF * varies or is_noise(residual, reading) or varies == 0.0:
             continue
         lines = [CHANNELS[output].text(size, digits=3) for size in (residual, varies)]
         percent = math.floor(100.0 * (1.0 - (residual / varies) ** 2))
@@ -62,6 +61,11 @@ def unexplained(problem: Problem, left_of: Callable[[tuple[int, str]], FloatArra
             )
         )
     return found
+
+
+def is_noise(residual: float, reading: Reading) -> bool:
+    """Whether what is left of a reading (rms) [SI] is no more than its noise, as neighbouring readings show that."""
+    return len(reading.measured) >= _ENOUGH and residual <= _NOISE * reading.noise
 
 
 def largest_current(record: PreparedRun, added: FloatArray) -> tuple[float, float]:
