@@ -29,7 +29,7 @@ class Unmodelled(Tabled):
     amplitudes : tuple of tuple of float [SI/V]
     moved : mapping of name to tuple of float [SI]
     seen : float [s]
-        How long the longest run of the fit is from its first voltage on.
+        How long the longest run of the fit is from where its voltage first moves.
     """
 
     time_constants: tuple[float, ...]

@@ -53,6 +53,25 @@ def test_the_band_beyond_the_record_holds_what_a_model_of_two_branches_lacks() -
     assert np.mean(inside) > 0.6
 
 
+def test_a_band_holds_what_hardly_shows_in_a_fit_that_may_be_used() -> None:
+    """A hundredth part of the current: the fit follows it to its noise, and goes on elsewhere. ``validate`` says it."""
+    generator = np.random.default_rng(SEED)
+    inside, if_right, told = [], [], []
+    for _ in range(8):
+        current, seen = recorded(generator, -3e-5)
+        fit = identify(FRIEND, seen)
+        assert not any(finding.severity == "error" for finding in fit.findings)
+        whole = Run.from_arrays(time=STEP.time, voltage=STEP.voltage, current=current)
+        bands = prediction_bands(fit, whole)
+        missed = np.abs(current - bands.predicted["current"])
+        inside.append(np.mean(missed <= bands.reach("current")))
+        if_right.append(np.mean(missed <= replace(bands, of_model={}).reach("current")))
+        told.append(validate(fit, whole).scores["current"].inside_band)
+    assert np.mean(if_right) < 0.92
+    assert np.mean(inside) > 0.93
+    assert told == pytest.approx(inside, abs=0.02)
+
+
 def test_a_model_that_lacks_nothing_has_the_band_of_its_parameters() -> None:
     """Neither beyond the record nor under another voltage do the readings of a right model leave much open."""
     generator = np.random.default_rng(SEED)
