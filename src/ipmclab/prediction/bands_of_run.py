@@ -138,9 +138,8 @@ def longer_than_fit(fit: Fit, run: Run, label: str) -> list[Finding]:
         Finding(
             "longer-than-fit",
             "info",
-            f"{label} lasts {lasts:.3g} s from its first voltage on, the longest run of the fit {seen:.3g} s: beyond "
-            "that, what the model may lack is estimated from the time before, and what the strip does only later is "
-            "not in its band",
+            f"{label} lasts {lasts:.3g} s under voltage, the longest run of the fit {seen:.3g} s: what the strip does "
+            "only after that is not in its band",
             "fit a run that is as long",
             values={"lasts": lasts, "seen": seen},
         )

@@ -204,7 +204,7 @@ def test_validate_says_that_a_run_is_longer_than_those_of_the_fit() -> None:
     fit = identify(FRIEND, noisy(generator, "step 1 V", duration=15.0))
     told = validate(fit.actuator, noisy(generator, "step 1 V", duration=30.0))
     (finding,) = [one for one in told.findings if one.code == "longer-than-fit"]
-    assert finding.message.endswith("what the strip does only later is not in its band")
+    assert finding.message.endswith("what the strip does only after that is not in its band")
     same = validate(fit.actuator, noisy(generator, "square 1 V 0.2 Hz", duration=15.0))
     assert not any(one.code == "longer-than-fit" for one in same.findings)
     plain = validate(FRIEND, noisy(generator, "step 1 V", duration=30.0))

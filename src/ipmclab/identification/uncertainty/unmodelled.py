@@ -6,11 +6,11 @@ constants :math:`\tau`: the readings are
 .. math:: y = \eta(\theta) + G a + \varepsilon, \qquad a_\tau \sim N\bigl(0,\ s^2\,(T/\tau)\,d\ln\tau\bigr),
 
 where :math:`G` is the voltage behind the lags, :math:`\varepsilon` the noise that was found and :math:`T` the length of
-the record from where its voltage first moves. The spectrum is that of diffusion (a Warburg impedance). With :math:`\theta` as it
-is best for each :math:`a`, the readings say of the size :math:`s` what their restricted likelihood says (stochastic
-embedding: Goodwin, Gevers and Ninness 1992). Beforehand it is as likely as not that nothing is lacking; if something
-is, :math:`s` is about as large as what the fitted strip itself relaxes by, in the root mean square over logarithms of
-time (a half normal distribution).
+the record from where its voltage first moves. The spectrum is that of diffusion (a Warburg impedance). With
+:math:`\theta` as it is best for each :math:`a`, the readings say of the size :math:`s` what their restricted likelihood
+says (stochastic embedding: Goodwin, Gevers and Ninness 1992). Beforehand it is as likely as not that nothing is
+lacking; if something is, :math:`s` is about as large as what the fitted strip itself relaxes by, in the root mean
+square over logarithms of time (a half normal distribution).
 
 Averaged over :math:`s`, the readings leave :math:`E[a a']`. The parameters have made up for :math:`a` by :math:`-K a`
 with :math:`K = (J' V^{-1} J)^{-1} J' V^{-1} G`, so that a prediction is off by :math:`(G_{new} - J_{new} K)\,a`. Within
