@@ -25,9 +25,10 @@ class Mounting:
     runs : tuple of str
         Labels of its runs.
     values : mapping of name to float [SI]
-        Every parameter that all runs share; empty where it could not be fitted by itself.
+        Every parameter of the strip, with the ending of its name where a run or a mounting has it for itself; empty
+        where the mounting could not be fitted by itself.
     errors : mapping of name to float [SI]
-        Their standard errors; infinite where its runs alone do not determine one.
+        The standard errors of those that all runs share; infinite where its runs alone do not determine one.
     noise : mapping of output to float [SI]
         Standard deviation of what its own fit leaves.
     loadings : mapping of name to mapping of cause to float [SI]

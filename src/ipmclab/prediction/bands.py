@@ -14,9 +14,10 @@ from ipmclab.errors import InputError
 from ipmclab.fit.ages import rates_of
 from ipmclab.fit.as_fitted import need_as_fitted, need_fit
 from ipmclab.fit.fit import Fit
+from ipmclab.fit.mountings import Mounting
 from ipmclab.fit.observation import Observation
 from ipmclab.identification.mountings.common_error import common_covariance
-from ipmclab.identification.problem.record import ending_of, own_endings, own_values
+from ipmclab.identification.problem.record import ending_of, own_endings
 from ipmclab.measurement.random_effect import FEWEST
 from ipmclab.model import Actuator
 from ipmclab.model.given import need_run
@@ -355,17 +356,19 @@ def next_mountings(fit: Fit, actuator: Actuator, mounting: str | None) -> list[A
     known_mountings = {observation.mounting for observation in fit.observations}
     if not mounting or mounting in known_mountings or fit.mountings is None:
         return []
-    known = values_of(fit)
-    found = [
-        actuator.replace(**_inside(actuator, one.values), **own_values(known, [ending_of(one.name)]))
-        for one in fit.mountings.each
-        if one.values
-    ]
+    found = [actuator.replace(**_by_itself(actuator, one)) for one in fit.mountings.each if one.values]
     return found if len(found) >= FEWEST else []
 
 
-def _inside(actuator: Actuator, values: Mapping[str, float]) -> dict[str, float]:
-    return {name: value for name, value in values.items() if name in actuator.parameter_values}
+def _by_itself(actuator: Actuator, mounting: Mounting) -> dict[str, float]:
+    """The parameters as the fit of one mounting found them, the average where each of its runs has its own.
+
+    All of one fit: a gain that goes with another zero than its own answers something else.
+    """
+    found: dict[str, list[float]] = {}
+    for name, value in mounting.values.items():
+        found.setdefault(name.partition("[")[0], []).append(value)
+    return {name: sum(each) / len(each) for name, each in found.items() if name in actuator.parameter_values}
 
 
 def standard_deviation_between(

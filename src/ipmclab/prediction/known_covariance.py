@@ -37,7 +37,8 @@ def known_of(
     """What is known of an actuator's parameters in one run.
 
     Of a parameter that each run of the fit has for itself, a new run has another: as far from the mean of three others
-    or more as they are from each other, with a variance whose normal interval of 95 % is Student's.
+    or more as they are from each other, with a variance whose normal interval of 95 % is Student's. What that mean
+    has in common with the errors of other parameters, the value of the new run has too.
 
     Parameters
     ----------
@@ -50,23 +51,29 @@ def known_of(
     own : sequence of str
         For a run of the fit, the endings of what belongs to it, such as ``[0]``.
     """
-    chosen: dict[str, str] = {}
-    others: dict[str, list[float]] = {}
+    chosen: dict[str, list[str]] = {}
+    others: dict[str, list[str]] = {}
     for name in table:
         base, bracket, rest = name.partition("[")
         if base not in parameters:
             continue
         if not bracket or bracket + rest in own:
-            chosen[base] = name
+            chosen[base] = [name]
         elif name in values:
-            others.setdefault(base, []).append(values[name])
+            others.setdefault(base, []).append(name)
     remaining = {base: found for base, found in others.items() if base not in chosen}
-    of_others = {base: _of_another(found) for base, found in remaining.items() if len(found) >= FEWEST}
-    names = (*chosen, *of_others)
-    covariance = np.zeros((len(names), len(names)))
-    covariance[: len(chosen), : len(chosen)] = matrix_of(table, chosen.values())
-    covariance[range(len(chosen), len(names)), range(len(chosen), len(names))] = list(of_others.values())
-    return KnownCovariance(names, covariance, tuple(base for base in remaining if base not in of_others))
+    of_others = {base: found for base, found in remaining.items() if len(found) >= FEWEST}
+    made_of = chosen | of_others
+    every = [name for found in made_of.values() for name in found]
+    mean = np.zeros((len(made_of), len(every)))
+    for row, found in zip(mean, made_of.values(), strict=True):
+        row[[every.index(name) for name in found]] = 1.0 / len(found)
+    # What all runs are off by together, they are together with the parameters that they share: a gain with a zero that
+    # no reading shows is known by their product alone.
+    covariance = mean @ matrix_of(table, every) @ mean.T
+    places = range(len(chosen), len(made_of))
+    covariance[places, places] += [_of_another([values[name] for name in found]) for found in of_others.values()]
+    return KnownCovariance(tuple(made_of), covariance, tuple(base for base in remaining if base not in of_others))
 
 
 def _of_another(found: Sequence[float]) -> float:

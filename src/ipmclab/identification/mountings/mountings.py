@@ -122,7 +122,7 @@ def _alone(
     except IpmclabError:  # too few readings, or not of every output: it says nothing by itself
         return Mounting(name, labels)
     shared = {base: one for base, one in own.parameters.items() if "[" not in base}
-    values = {base: one.value for base, one in shared.items()}
+    values = {name: one.value for name, one in own.parameters.items() if not name.startswith("observation.")}
     errors = {base: one.standard_error if one.determined else math.inf for base, one in shared.items()}
     outputs = {output for observation in own.observations for output in observation.noise}
     squares = {out: [run.noise[out] ** 2 for run in own.observations if out in run.noise] for out in sorted(outputs)}
