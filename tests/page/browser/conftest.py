@@ -30,6 +30,10 @@ UNTIL = """argument => {
   }
 }"""
 
+SPOKEN = "window.did_handshake !== false"
+"""Whether a page has spoken with its server. One that comes to no answer loads itself anew, and fields that were filled
+meanwhile are empty again: on a machine with much else to do a test had filled one by then."""
+
 BARE = "nowhere"
 """There is no such address: it gives a page with the script of the plots and no section, at a fifth of the time."""
 
@@ -80,6 +84,7 @@ def opening(chromium) -> Iterator[Callable[..., object]]:
 
     def watch(page) -> None:
         page.wait_for_function = partial(_wait, page.wait_for_function)
+        page.goto = partial(_go, page, page.goto)
         page.on("pageerror", lambda error: faults.append(f"error: {error}"))
         page.on("request", lambda request: _local(request.url) or faults.append(f"asked elsewhere: {request.url}"))
 
@@ -122,6 +127,13 @@ def stand_in(folder: Path) -> Iterator[None]:
     finally:
         server.kill()
         server.communicate()
+
+
+def _go(page, goto: Callable[..., object], address: str, **options: object) -> object:
+    """Go to an address, until its page has spoken with its server."""
+    answer = goto(address, **options)
+    page.wait_for_function(SPOKEN)
+    return answer
 
 
 def _wait(wait_for_function: Callable[..., object], expression: str, **options: object) -> object:
