@@ -80,20 +80,13 @@ def lagged(time: FloatArray, voltage: FloatArray, time_constants: FloatArray) ->
     >>> lagged(np.array([0.0, 1.0, 2.0]), np.ones(3), np.array([1.0 / np.log(2.0)])).round(6).tolist()
     [[0.0, 0.5, 0.75]]
     """
-    found = np.zeros((len(time_constants), len(time)))
-    steps = np.diff(time)
-    if len(steps) and np.ptp(steps) <= 1e-6 * steps[0]:
-        from ipmclab.statespace.kernels import continued  # compiled: who only reads a fit needs none of it
+    from ipmclab.model.numerics.poles_loop import pole_values  # compiled: who only reads a fit needs none of it
 
-        rest, driven = np.zeros(1), np.asarray(voltage[:-1], dtype=np.float64)
-        for row, kept in zip(found, np.exp(-steps[0] / time_constants), strict=True):
-            row[1:] = continued(np.array([kept]), rest, (1.0 - kept) * driven)
-        return found
-    state = np.zeros(len(time_constants))
-    for place, (step, value) in enumerate(zip(steps.tolist(), voltage.tolist(), strict=False), 1):
-        state = value + np.exp(-step / time_constants) * (state - value)
-        found[:, place] = state
-    return found
+    held = np.asarray(voltage[:-1], dtype=np.float64)
+    steps, kind = np.unique(np.diff(time), return_inverse=True)
+    found = np.empty((len(time_constants), len(time)))
+    pole_values(steps, kind.astype(np.int64), held, held, -1.0 / time_constants, found)
+    return found / time_constants[:, None]
 
 
 def _numbers(values: Any) -> tuple[float, ...]:

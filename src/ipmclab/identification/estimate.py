@@ -66,8 +66,8 @@ def estimate(actuator: Actuator, names: FreeParameters, records: Sequence[Prepar
     under, other = noisy(problem, solution)
     # White noise is what the first fit assumes. Where it is autocorrelated that contradicts rest far too often.
     begun = {place: under.problem.places[place].starts for place in given_up if under.shapes}
-    noise = under.covariance_of_all
-    resting = {place for place, there in begun.items() if there and could_be_zero(under.solution, there, noise)}
+    covariance = under.covariance_of_all
+    resting = {place for place, there in begun.items() if there and could_be_zero(under.solution, there, covariance)}
     if resting:
         starts = {column for place in resting for column in problem.places[place].starts}
         problem, solution = with_less(problem, solution, starts, resting)

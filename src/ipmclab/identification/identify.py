@@ -206,8 +206,9 @@ def _identify(
         if which
     ]
     foreign = motion_of_another_coupling(actuator, names, records, for_series_alone(names))
-    records = [record.without([finding.channel for finding in foreign if finding.channel]) for record in records]
-    left_out += foreign
+    if foreign:
+        records = [record.without([finding.channel for finding in foreign if finding.channel]) for record in records]
+        left_out += foreign
     result = estimate(actuator, names, records)
     if kept:
         first_answer(lambda: build_fit(actuator, given, result, (), followed=False))

@@ -271,8 +271,8 @@ def standard_error_of_model(
         }
         names, columns = tuple(moved), np.array(list(moved.values())).reshape(len(moved), len(one.amplitudes))
         if drive.state is not None:
-            names, moves = moves_in_state(names, actuator, drive.state, drive.rates)
-            columns = moves.T @ columns
+            there, moves = moves_in_state(names, actuator, drive.state, drive.rates)
+            names, columns = there.names, moves.T @ columns
         missed = one.answers(drive.time, drive.voltage)
         if names:
             missed = missed + columns.T @ drive.derivatives(actuator, names, [output])[0].T

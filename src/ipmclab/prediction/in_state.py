@@ -125,7 +125,7 @@ def known_in_state(
     names : tuple of str
     covariance : float array, shape (n_names, n_names) [SI]
     """
-    there, moves = _there(known.names, actuator, state, rates)
+    there, moves = moves_in_state(known.names, actuator, state, rates)
     covariance = moves.T @ known.covariance @ moves
     if state.found is None:  # else it is a run of the fit, whose readings say how wet the strip was
         covariance += np.outer(there.by_water, there.by_water) * state.standard_uncertainty**2
@@ -134,29 +134,14 @@ def known_in_state(
 
 def moves_in_state(
     names: Sequence[str], actuator: Actuator, state: RunState, rates: Mapping[str, float]
-) -> tuple[tuple[str, ...], FloatArray]:
-    """How the parameters of a strip in a state move with those of the reference state, laws and rates among them.
-
-    Parameters
-    ----------
-    names : sequence of str
-    actuator : Actuator
-        As it is in the reference state.
-    state : RunState
-    rates : mapping of name to float
+) -> tuple[InState, FloatArray]:
+    """The parameters of a strip in a state, and how they move with some of the reference state, laws and rates too.
 
     Returns
     -------
-    there : tuple of str
+    there : InState
     moves : float array, shape (n_names, n_there)
     """
-    there, moves = _there(names, actuator, state, rates)
-    return there.names, moves
-
-
-def _there(
-    names: Sequence[str], actuator: Actuator, state: RunState, rates: Mapping[str, float]
-) -> tuple[InState, FloatArray]:
     own = [name for name in names if not name.startswith(AGE)]
     there = in_state(actuator.parameter_values, state, own, water=state.found, rates=rates)
     nothing = np.zeros(len(there.names))

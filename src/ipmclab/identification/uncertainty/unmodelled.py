@@ -145,7 +145,7 @@ def _readings(
     for key, piece in problem.pieces.items():
         if key[1] != output:
             continue
-        record, reading = problem.record_at(key[0]), problem.record_at(key[0]).readings[output]
+        record, reading = problem.record_at(key[0]), problem.readings[key]
         lags = spread[:, None] * lagged(record.run.time, record.run.voltage, constants)
         if reading.weights is not None:
             lags = lags * reading.weights
