@@ -113,7 +113,7 @@ class Process:
         self.heard: list[str] = []
         self._unsaid: list[str] = []
         self.waited: list[float | None] = []
-        self.ends = True
+        self.ends = self.hears = True
 
     def start(self, command: list[str], **how: Any) -> Process:
         self.command, self.how = command, how
@@ -125,7 +125,8 @@ class Process:
 
     def write(self, words: bytes) -> None:
         self.heard.append(words.decode().strip())
-        answer = self.answers.get(self.heard[-1].partition(" ")[0])
+        word, _, value = self.heard[-1].partition(" ")
+        answer = f"heard {value}" if word == "ask" and self.hears else self.answers.get(word)
         self._unsaid += [answer] if answer else []
 
     def answer(self) -> None:

@@ -40,7 +40,7 @@ def test_between_blocks_that_are_close_nothing_beats_for_the_recorder(
     assert process.heard == ["arm 1.0"]
     guardian.beat()
     clock.let_it_wake()
-    assert process.heard == ["arm 1.0", "beat"]
+    assert process.heard == ["arm 1.0", "ask 1", "beat"]
     assert clock.periods == {0.1}  # where it has to beat: ten times a second
 
 
@@ -118,12 +118,23 @@ def test_of_two_runs_the_second_alone_is_beaten_for(
 
 def test_one_that_gives_no_sign_of_life_is_taken_as_gone(guardian: Guardian, process: Process, clock: Clock) -> None:
     guardian.arm()
+    process.hears = clock.is_patient = False
     clock.goes_on(3.0)
     guardian.beat()
     clock.goes_on(0.125)
     with pytest.raises(IpmclabError, match=r"it has given no sign of life for 3\.1 s"):
         guardian.beat()
     assert beats(process) == 1
+    assert clock.patience[-1] == 2.0  # for its answer
+
+
+def test_only_after_half_of_its_silence_is_it_asked(guardian: Guardian, process: Process, clock: Clock) -> None:
+    """Sooner it has not acted; a beat that waited each time would keep the recorder from its rows."""
+    guardian.arm()
+    for silent in (0.5, 0.625, 0.125):
+        clock.goes_on(silent)
+        guardian.beat()
+    assert process.heard == ["arm 1.0", "beat", "ask 1", "beat", "beat"]
 
 
 def test_a_sign_of_life_is_heard(guardian: Guardian, process: Process, clock: Clock) -> None:
@@ -248,7 +259,12 @@ def test_a_thread_is_late_by_what_it_wakes_too_late(clock: Clock) -> None:
     clock.now += 1.0
     lateness.woke()
     assert lateness.at(clock.now) == pytest.approx(0.9)
-    lateness.forget()
+    asked = clock.now
+    clock.now += 3.1
+    lateness.woke()
+    lateness.forget(asked)  # by a thread that was stopped after it had looked at the clock
+    assert lateness.at(clock.now) == pytest.approx(3.0)
+    lateness.forget(clock.now)
     assert lateness.at(clock.now) == 0.0
     lateness.end()
     assert lateness.at(1e9) == 0.0

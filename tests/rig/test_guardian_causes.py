@@ -166,10 +166,10 @@ def test_a_failure_is_told_by_its_cause(
 def test_after_a_pause_of_this_program_its_guardian_is_heard_first(
     guardian: Guardian, process: Process, clock: Clock, call: str
 ) -> None:
-    """What it said meanwhile has not been read yet: that takes a moment, and no more."""
+    """What it said meanwhile has not been read yet, however long that takes: an answer comes after it."""
     guardian.arm()
     clock.jumps(5.0)
-    clock.meanwhile = lambda: process.say(ACTED)
+    clock.meanwhile = lambda: process.say(ACTED) or process.answer()
     failure: IpmclabError = frozen()
     if call == "beat":
         with pytest.raises(IpmclabError) as told:
@@ -180,7 +180,52 @@ def test_after_a_pause_of_this_program_its_guardian_is_heard_first(
     assert failure.code == "guardian-acted"
     assert "is bringing the output to 0 V" in failure.message
     assert f"{COMPUTER} for 5.0 s" in failure.message
-    assert clock.patience[-1] == 0.3
+    assert process.heard == ["arm 1.0", "ask 1"]
+
+
+@pytest.mark.parametrize("call", ["beat", "explain"])
+def test_one_that_did_not_act_says_so_at_once(guardian: Guardian, process: Process, clock: Clock, call: str) -> None:
+    """The recorder was held up, and in time: it goes on, without waiting out a time."""
+    guardian.arm()
+    clock.jumps(0.75)
+    failure = frozen()
+    guardian.beat() if call == "beat" else guardian.explain(failure)
+    assert failure.code == "bench-frozen"
+    assert process.heard[1:] == (["ask 1", "beat"] if call == "beat" else ["ask 1"])
+
+
+def test_an_answer_of_before_is_none(guardian: Guardian, process: Process, clock: Clock) -> None:
+    """One that came too late for the beat that asked is not what the next one waits for."""
+    guardian.arm()
+    process.hears = clock.is_patient = False
+    clock.jumps(0.75)
+    guardian.beat()
+    process.hears = clock.is_patient = True
+    clock.jumps(5.0)
+
+    def late() -> None:
+        process.say("heard 1", ACTED)
+        process.answer()
+
+    clock.meanwhile = late
+    with pytest.raises(IpmclabError, match=f"{COMPUTER} for 5.0 s"):
+        guardian.beat()
+
+
+def test_a_stop_within_a_beat_is_not_the_chassis_s(guardian: Guardian, process: Process, clock: Clock) -> None:
+    """It had looked at the clock, and nothing was late then; its thread woke late meanwhile."""
+    guardian.arm()
+
+    def stopped() -> None:
+        clock.jumps(5.0)
+        clock.let_it_wake()
+
+    clock.goes_on(0.625)
+    clock.meanwhile = lambda: stopped() or process.answer()
+    guardian.beat()
+    acts(guardian, process, "zero")
+    with pytest.raises(IpmclabError, match=f"{COMPUTER} for 5.0 s"):
+        guardian.beat()
 
 
 def test_a_failure_before_it_is_armed_is_left_as_it_is(guardian: Guardian, clock: Clock) -> None:

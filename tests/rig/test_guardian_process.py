@@ -221,6 +221,15 @@ def test_beats_do_not_keep_it_from_showing_that_it_lives(watched: Watching) -> N
     assert watched("arm 60", *(6 * (0.25, "beat")), "disarm", None).when("alive") == [0.0, 0.5, 1.0, 1.5]
 
 
+def test_who_asks_is_answered_after_all_that_was_said_before(watched: Watching) -> None:
+    """Whether it has acted or not; and it is a sign of life."""
+    seen = watched("ask 1", "arm 0.5", 0.45, "ask 2", 0.45, "ask 3", 9.0, "ask 4", "disarm", None)
+    assert seen.said == [
+        "ready", "heard 1", "armed", "heard 2", "heard 3",
+        "acted the recorder was silent for 0.5 s", "zero", "heard 4", "disarmed",
+    ]  # fmt: skip
+
+
 def test_it_acts_when_the_recorder_has_been_silent_for_so_long(watched: Watching) -> None:
     """And once: a silence that goes on changes nothing."""
     seen = watched("arm 0.5", 0.25, "beat", 60.0, None)

@@ -21,7 +21,6 @@ SILENCE: Final = 0.5
 _LOST: Final = 3.0  # s without a sign of life: the guardian hangs itself
 _START: Final = 30.0  # s to start Python and to connect
 _ANSWER: Final = 2.0  # s for an answer to a word
-_WORD: Final = 0.3  # s for the guardian's word to be read after this program was stopped
 _OFTEN: Final = 0.2  # s; blocks that are further apart need beats between them
 
 Outcome = Literal["", "zero", "unread", "failed"]
@@ -81,6 +80,7 @@ class Guardian:
         self._state: Literal["starting", "ready", "armed", "acted", "gone"] = "starting"
         self._text = ""
         self._outcome: Outcome = ""
+        self._asked = self._answered = 0
         self._sign = self._progress = self._held_until = time.monotonic()
         self._used = time.thread_time()
         self._lateness = Lateness(_OFTEN / 2.0)
@@ -131,7 +131,7 @@ class Guardian:
         """
         self.wait()
         self._progress, self._used = time.monotonic(), time.thread_time()
-        self._lateness.forget()
+        self._lateness.forget(self._progress)
         longest = 3.0 * block_time if block_time > _OFTEN else 0.0
         self._send(f"arm {self._silence}")
         self._disarmed.set()  # by a run that left it armed: the thread that beat for it ends
@@ -143,7 +143,7 @@ class Guardian:
                 raise self._lost(self._text or "it does not answer")
 
     def beat(self) -> None:
-        """All is well. It never waits.
+        """All is well. It waits only for a guardian that may have acted: after half of the silence that it acts on.
 
         Raises
         ------
@@ -153,9 +153,10 @@ class Guardian:
         now, used = time.monotonic(), time.thread_time()
         silent, worked = now - self._progress, used - self._used
         late = self._lateness.at(now)
-        self._hear_after(now)
+        if silent > self._silence / 2.0:
+            self._hear()
         self._progress, self._used = now, used
-        self._lateness.forget()
+        self._lateness.forget(now)
         self._held_until = now
         if self._state == "acted":
             raise self._after_silence(silent, waited=max(worked, late) < self._silence / 2.0)
@@ -177,19 +178,23 @@ class Guardian:
             It is changed where it is but a consequence.
         """
         now = time.monotonic()
-        silent, held_up = now - self._progress, self._hear_after(now)
+        silent = now - self._progress
+        held_up = self._lateness.at(now) > max(self._silence, silent) / 2.0
+        with suppress(IpmclabError):  # one that is gone has said why
+            self._hear()
         if self._state == "acted" and (held_up or failure.code == "bench-lost"):
             cause = self._after_silence(silent, waited=not held_up)
             failure.message, failure.code, failure.where = cause.message, cause.code, cause.where
             failure.repair = cause.repair
 
-    def _hear_after(self, now: float) -> bool:
-        """Whether this program itself was held up until now; then what the guardian said meanwhile is heard first."""
-        if self._lateness.at(now) <= max(self._silence, now - self._progress) / 2.0:
-            return False
+    def _hear(self) -> None:
+        """Ask an armed guardian for an answer, so that what it said before has been read: that it acted, above all."""
         with self._told:
-            self._told.wait_for(lambda: self._state in ("acted", "gone"), _WORD)
-        return True
+            if self._state != "armed":
+                return
+            self._asked += 1
+            self._send(f"ask {self._asked}")
+            self._told.wait_for(lambda: self._answered == self._asked or self._state != "armed", _ANSWER)
 
     def hold(self, seconds: float) -> None:
         """The next beat may take so long [s]: tasks are started or stopped. A thread beats until then.
@@ -265,6 +270,8 @@ class Guardian:
                     self._text, self._outcome = text, ""
                 elif self._state == "acted" and word in ("zero", "unread", "failed"):
                     self._outcome = word
+                elif word == "heard":
+                    self._answered = int(text)
                 elif word == "failed":
                     self._text = text
                 self._told.notify_all()

@@ -131,6 +131,8 @@ class Watch:
             self.log("disarmed")
             self.note("disarmed")
             self.say("disarmed")
+        elif what == "ask":
+            self.say(f"heard {value}")
         elif what == "sleep" and self._armed:
             self._act(SLEEP)
         self._deadline = time.monotonic() + self._silence

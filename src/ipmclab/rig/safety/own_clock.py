@@ -33,7 +33,7 @@ class Lateness:
 
     def __init__(self, period: float) -> None:
         self._period = period
-        self._worst = 0.0
+        self._wakes: list[tuple[float, float]] = []
         self._due = math.inf
 
     def begin(self) -> None:
@@ -42,12 +42,14 @@ class Lateness:
 
     def woke(self) -> None:
         """It has waited, and waits again."""
-        self._worst = max(self._worst, time.monotonic() - self._due)
-        self.begin()
+        now = time.monotonic()
+        self._wakes.append((now, now - self._due))
+        self._due = now + self._period
 
-    def forget(self) -> None:
-        """Only what is late from now on counts."""
-        self._worst = 0.0
+    def forget(self, until: float) -> None:
+        """Only what is late from then on counts, by the clock: this program may have been stopped since."""
+        while self._wakes and self._wakes[0][0] <= until:
+            self._wakes.pop(0)
 
     def end(self) -> None:
         """The thread waits no more."""
@@ -55,8 +57,8 @@ class Lateness:
 
     def at(self, now: float) -> float:
         """By how much the thread is, or was, late [s]."""
-        due = self._due  # first: the thread, where it comes in between, has put into ``_worst`` what this then lacks
-        return max(self._worst, now - due)
+        due = self._due  # first: the thread, where it comes in between, has put into ``_wakes`` what this then lacks
+        return max([0.0, now - due, *(late for _, late in self._wakes)])
 
 
 class OwnClock:
@@ -72,7 +74,7 @@ class OwnClock:
     def progress(self) -> None:
         """Something came of it: only what is late from now on counts."""
         self._progress = time.monotonic()
-        self._lateness.forget()
+        self._lateness.forget(self._progress)
 
     def held_up(self) -> float:
         """For how long this program was held up since the last progress [s]; 0 where that was not most of the time."""
