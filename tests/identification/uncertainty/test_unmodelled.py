@@ -42,7 +42,7 @@ def recorded(generator: np.random.Generator, size: float = 0.0) -> tuple[FloatAr
 def test_the_band_beyond_the_record_holds_what_a_model_of_two_branches_lacks() -> None:
     generator = np.random.default_rng(SEED)
     inside, if_right = [], []
-    for _ in range(8):
+    for _ in range(16):
         current, seen = recorded(generator, -1e-3)
         bands = prediction_bands(identify(FRIEND, seen), STEP)
         missed = np.abs(current - bands.predicted["current"])[ROWS:]

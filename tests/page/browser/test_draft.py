@@ -84,7 +84,9 @@ def test_what_was_half_written_is_there_again(tmp_path: Path, open_page) -> None
         assert page.get_by_label("File name").input_value() == "other"
         assert not page.get_by_text("As you left it, not saved yet").is_visible()
 
-        page.evaluate("lab.hear = () => {}")  # a link that is dead and was not closed: it takes seconds to be seen
+        page.evaluate(
+            "lab.hear = () => {}; lab.patience = 3500"
+        )  # a link that is dead and was not closed: it takes seconds to be seen
         page.get_by_role("button", name="Save", exact=True).click()
         page.get_by_role("alert").filter(has_text="lost as you pressed that: it may not have been done").wait_for()
 

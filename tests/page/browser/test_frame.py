@@ -97,6 +97,7 @@ def test_stop_works_where_a_browser_can_keep_nothing(tmp_path: Path, open_page, 
         assert page.evaluate("document.documentElement.dataset.theme") == "dark"
         assert faults == ([] if storage == FULL else ["denied"])  # NiceGUI's own
         page.route_web_socket("**/live", lambda _: None)  # open, and never anything to hear
+        page.add_init_script("addEventListener('DOMContentLoaded', () => { lab.patience = 3500 })")
         page.reload()
         page.get_by_role("alert").filter(has_text="Connection lost").wait_for()
         recorder.hub.close()

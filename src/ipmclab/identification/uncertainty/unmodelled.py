@@ -31,8 +31,6 @@ from ipmclab.model import Actuator
 from ipmclab.model.order import Order
 from ipmclab.model.outputs import simulate_outputs
 from ipmclab.run import FloatArray
-from ipmclab.statespace.columns import steps_between, whitened
-from ipmclab.statespace.terms import state_space
 
 _APART: Final = 10.0**0.5  # between neighbouring time constants: two to a decade imitate any between them (convention)
 _LONGEST: Final = 10.0  # times as long as the record: slower ones are straight lines in it, and look alike (a limit)
@@ -72,10 +70,10 @@ def _of_output(correlated: Correlated, model: Actuator, order: Order, output: st
     readings = _readings(correlated, output, constants, spread)
     if readings is None or not most > 0.0:
         return None
-    triangle, directions, driven = readings
+    triangle, directions, measured = readings
     known = directions.shape[1]
     left, missed = triangle[known:, known:-1], triangle[known:, -1]
-    values, vectors = np.linalg.eigh(_moments(left, missed, most, max(driven - known, 1)))
+    values, vectors = np.linalg.eigh(_moments(left, missed, most, max(measured - known, 1)))
     kept = values > _NEGLIGIBLE * values.sum()
     if not kept.any() or not np.isfinite(values).all():
         return None
@@ -133,44 +131,37 @@ def _readings(
     triangle : float array, shape (n_directions + n_lags + 1, n_directions + n_lags + 1)
         What the parameters can imitate in front, lags, and last what the model missed.
     directions : float array, shape (n_unknown, n_directions)
-    driven : int
-        Readings under voltage.
+    measured : int
+        Readings, bounds not counted.
     """
     problem, here = correlated.problem, correlated.solution.evaluation
     directions = directions_of(here)
     known, count = directions.shape[1], len(constants)
     rows = np.vstack([directions.T @ here.rows[:-1], np.zeros((count, here.rows.shape[1])), here.rows[-1:]])
-    others = np.ones(rows.shape[1], dtype=bool)
-    stacked, driven = [], 0
+    measured = driven = 0
     for key, piece in problem.pieces.items():
-        if key[1] != output:
-            continue
         record, reading = problem.record_at(key[0]), problem.readings[key]
-        lags = spread[:, None] * lagged(record.run.time, record.run.voltage, constants)
-        if reading.weights is not None:
-            lags = lags * reading.weights
-        rows[known:-1, piece] = problem.whitened(key, lags[:, reading.used] / problem.noise[key])
-        under = (np.flatnonzero(reading.used) >= record.resting) & reading.exact_of_used
-        others[piece] = ~under
-        own = rows[:, piece][:, under].T
-        if not len(own):
-            continue
-        shape = None if correlated.is_weighted else correlated.shapes.get(key)
-        if shape is None:
-            variance = float(np.mean(own[:, -1] ** 2))
+        own, inside = rows[:, piece], reading.exact_of_used
+        if key[1] == output:
+            lags = spread[:, None] * lagged(record.run.time, record.run.voltage, constants)
+            own[known:-1] = lags[:, reading.used] / problem.noise[key]
+            driven += int(np.sum(inside & (np.flatnonzero(reading.used) >= record.resting)))
+        if key in correlated.shapes and not correlated.is_weighted:
+            plain = correlated.plain.rows[:, piece]
+            own[:known], own[-1] = directions.T @ plain[:-1], plain[-1]
+            own[:] = correlated.white(key, own)
         else:
-            steps = steps_between(record.run.time[reading.used][under], record.step)
-            own, variance = whitened(state_space(shape.terms, shape.entries), own, steps)[0], shape.variance
-        if not variance > 0.0:
-            return None  # readings that the model meets exactly
-        stacked.append(own / np.sqrt(variance))
-        driven += len(own)
+            own[known:-1] = problem.whitened(key, own[known:-1])
+            variance = float(np.mean(own[-1, inside] ** 2)) if inside.any() else 1.0
+            if not variance > 0.0:
+                return None  # readings that the model meets exactly
+            own[:, inside] /= np.sqrt(variance)
+        measured += int(inside.sum())
     if driven <= known + 1:
         return None
-    every = np.vstack([*stacked, rows[:, others].T])
-    if not np.isfinite(every).all():
+    if not np.isfinite(rows).all():
         return None
     triangle = np.zeros((known + count + 1, known + count + 1))
-    found = np.linalg.qr(every, mode="r")
+    found = np.linalg.qr(rows.T, mode="r")
     triangle[: len(found)] = found
-    return triangle, directions, driven
+    return triangle, directions, measured

@@ -11,6 +11,7 @@ const lab = (window.lab = {
   pressed: 0,
   wanted: { view: "none" },
   retry: 300,
+  patience: 3500, // ms without a pulse: then the link is taken as lost
 
   connect() {
     const socket = new WebSocket(`${location.origin.replace(/^http/, "ws")}/live`);
@@ -260,7 +261,7 @@ document.addEventListener("DOMContentLoaded", () => {
     const now = performance.now();
     if (now - looked > 2000) awake = now; // the page stood still itself: what came meanwhile waits to be heard
     looked = now;
-    if (now - Math.max(lab.heard, awake) > 3500) {
+    if (now - Math.max(lab.heard, awake) > lab.patience) {
       lab.lose();
       if (lab.socket.readyState === WebSocket.OPEN) lab.socket.close();
     }
