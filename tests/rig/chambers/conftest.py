@@ -2,16 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+
 import pytest
 
 from ipmclab.rig.chambers import driver, watch
 
 
 @pytest.fixture
-def quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Shorter deadlines, where a test would only wait for them to end."""
-    for name, seconds in (("READ_TIME", 1.2), ("SET_TIME", 1.5), ("SAFE_TIME", 1.0)):
-        monkeypatch.setattr(driver, name, seconds)
+def quick() -> Callable[[], AbstractContextManager[None]]:
+    """Shorter deadlines while something is waited for that does not come: what comes has its time, on any machine."""
+
+    @contextmanager
+    def shorter() -> Iterator[None]:
+        with pytest.MonkeyPatch.context() as patch:
+            for name, seconds in (("READ_TIME", 1.2), ("SET_TIME", 1.5), ("SAFE_TIME", 1.0)):
+                patch.setattr(driver, name, seconds)
+            yield
+
+    return shorter
 
 
 @pytest.fixture

@@ -4,14 +4,27 @@ from __future__ import annotations
 
 import sys
 import time
+from collections.abc import Callable
+from contextlib import AbstractContextManager, ExitStack
 from pathlib import Path
 
 import pytest
 
 from ipmclab.errors import InputError
 from ipmclab.rig.chambers.chamber import ChamberError
-from tests.rig.chambers.benches_of_chambers import BY_CONVERTER, KINDS, WANTED, Kind, at_once, paired, set_by_another
+from tests.rig.chambers.benches_of_chambers import (
+    BY_CONVERTER,
+    KINDS,
+    WANTED,
+    Kind,
+    Pair,
+    at_once,
+    paired,
+    set_by_another,
+)
 from tests.rig.chambers.devices import EspecDevice
+
+Quick = Callable[[], AbstractContextManager[None]]
 
 
 @pytest.mark.parametrize("kind", [*KINDS, *BY_CONVERTER], ids=str)
@@ -115,43 +128,59 @@ def test_a_chamber_that_follows_a_program_is_left_to_it(tmp_path: Path) -> None:
         assert (caught.value.code, pair.room.mode) == ("chamber-in-use", "RUN")
 
 
-@pytest.mark.real_time
-def test_an_alarm_is_told_and_nothing_is_set_over_it(tmp_path: Path, quick: None) -> None:
-    def trip(kind: Kind) -> None:
-        with paired(kind, tmp_path) as pair:
-            pair.chamber.set(*WANTED)
-            pair.room.trip()
-            stated = pair.chamber.read()
-            assert (stated.mode, len(stated.alarms)) == ("standby", 1)
-            with pytest.raises(ChamberError, match="brought to standby"):
-                pair.chamber.set(*WANTED)
-            pair.chamber.safe()
-            pair.room.alarms = []
-            assert pair.chamber.read().alarms == ()
+def test_an_alarm_is_told_and_nothing_is_set_over_it(tmp_path: Path, quick: Quick) -> None:
+    def trip(pair: Pair) -> None:
+        pair.chamber.set(*WANTED)
+        pair.room.trip()
+        stated = pair.chamber.read()
+        assert (stated.mode, len(stated.alarms)) == ("standby", 1)
 
-    at_once(trip, KINDS)
+    def be_refused(pair: Pair) -> None:
+        with pytest.raises(ChamberError, match="brought to standby"):
+            pair.chamber.set(*WANTED)
+
+    def clear(pair: Pair) -> None:
+        pair.chamber.safe()
+        pair.room.alarms = []
+        assert pair.chamber.read().alarms == ()
+
+    with ExitStack() as stack:
+        pairs = [stack.enter_context(paired(kind, tmp_path)) for kind in KINDS]
+        at_once(trip, pairs)
+        with quick():
+            at_once(be_refused, pairs)
+        at_once(clear, pairs)
 
 
 @pytest.mark.real_time
 @pytest.mark.parametrize("trouble", ["deaf", "locked"])
-def test_a_chamber_that_does_not_do_what_it_is_told(trouble: str, tmp_path: Path, quick: None) -> None:
-    def tell(kind: Kind) -> None:
-        with paired(kind, tmp_path) as pair:
-            setattr(pair.room, trouble, True)
-            with pytest.raises(ChamberError) as caught:
-                pair.chamber.set(*WANTED)
-            assert caught.value.code == "chamber-refused"
-            assert pair.room.regulated == []
-            setattr(pair.room, trouble, False)
+def test_a_chamber_that_does_not_do_what_it_is_told(trouble: str, tmp_path: Path, quick: Quick) -> None:
+    def be_refused(pair: Pair) -> None:
+        setattr(pair.room, trouble, True)
+        with pytest.raises(ChamberError) as caught:
             pair.chamber.set(*WANTED)
-            assert pair.room.mode == "CONSTANT"
-            setattr(pair.room, trouble, True)
-            with pytest.raises(ChamberError) as caught:
-                pair.chamber.safe()
-            assert (caught.value.code, pair.room.mode) == ("chamber-not-safe", "CONSTANT")
-            assert "panel" in caught.value.repair
+        assert caught.value.code == "chamber-refused"
+        assert pair.room.regulated == []
 
-    at_once(tell, KINDS[::3])
+    def be_set(pair: Pair) -> None:
+        setattr(pair.room, trouble, False)
+        pair.chamber.set(*WANTED)
+        assert pair.room.mode == "CONSTANT"
+
+    def stay(pair: Pair) -> None:
+        setattr(pair.room, trouble, True)
+        with pytest.raises(ChamberError) as caught:
+            pair.chamber.safe()
+        assert (caught.value.code, pair.room.mode) == ("chamber-not-safe", "CONSTANT")
+        assert "panel" in caught.value.repair
+
+    with ExitStack() as stack:
+        pairs = [stack.enter_context(paired(kind, tmp_path)) for kind in KINDS[::3]]
+        with quick():
+            at_once(be_refused, pairs)
+        at_once(be_set, pairs)
+        with quick():
+            at_once(stay, pairs)
 
 
 def test_an_old_controller_without_modes_and_alarms(tmp_path: Path) -> None:

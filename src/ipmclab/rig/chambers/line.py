@@ -25,7 +25,39 @@ LONGEST_QUIET: Final = 3.0
 _GLANCE: Final = 0.1
 """So long [s] a connection is listened to before the deadline is looked at again."""
 
+LOOK: Final = 0.005
+"""How often [s] a line that should be quiet is looked at."""
+
+_LONGEST_LOOK: Final = 4.0 * LOOK  # the sleep of a system may be as coarse
+
 Parity = Literal["none", "even", "odd"]
+
+
+class Quiet:
+    """For how long nothing came on a line that was listened to.
+
+    A program that was held up has not listened meanwhile: what came then waits to be read, and what an instrument was
+    about to say comes afterwards. One look counts no more than it should take.
+
+    Examples
+    --------
+    >>> quiet = Quiet(0.5)
+    >>> quiet.looked(b"", 3.0)
+    >>> quiet.lasted
+    False
+    """
+
+    def __init__(self, seconds: float) -> None:
+        self._left = self._seconds = seconds
+
+    @property
+    def lasted(self) -> bool:
+        """Whether it was as long as it has to be."""
+        return self._left <= 0.0
+
+    def looked(self, came: bytes, took: float) -> None:
+        """A look at the line, which took so long [s]."""
+        self._left = self._seconds if came else self._left - min(took, _LONGEST_LOOK)
 
 
 def silent(where: str, message: str) -> ChamberError:
@@ -152,9 +184,11 @@ class Line(ABC):
     def quieten(self, quiet: float, deadline: Deadline) -> None:
         """Throw away what comes, until nothing has come for so long [s]. Raises ChamberError."""
         self._open(deadline)
+        left = Quiet(quiet)
         try:
-            while not deadline.is_over and self._receive(deadline.within(quiet)):
-                pass
+            while not left.lasted and not deadline.is_over:
+                began = time.monotonic()
+                left.looked(self._receive(deadline.within(LOOK)), time.monotonic() - began)
         except OSError as error:
             self.drop()
             raise unreachable(self.where, error) from error

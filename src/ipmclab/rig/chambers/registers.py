@@ -18,7 +18,9 @@ from ipmclab.rig.chambers.dialogue import ATTEMPTS
 from ipmclab.rig.chambers.line import (
     CONNECT_TIME,
     LONGEST_QUIET,
+    LOOK,
     Parity,
+    Quiet,
     address_of,
     garbled,
     missing,
@@ -205,13 +207,12 @@ class Registers:
 
     def _quieten(self, port: Any, quiet: float, deadline: Deadline) -> None:
         """Throw away what comes, until nothing has come for a while. Raises ChamberError."""
-        last = time.monotonic()
+        left = Quiet(quiet)
         try:
-            while time.monotonic() - last < quiet and not deadline.is_over:
-                if port.in_waiting:
-                    port.read(port.in_waiting)
-                    last = time.monotonic()
-                time.sleep(0.005)
+            while not left.lasted and not deadline.is_over:
+                began = time.monotonic()
+                time.sleep(LOOK)
+                left.looked(port.read(port.in_waiting) if port.in_waiting else b"", time.monotonic() - began)
         except OSError as error:
             raise unreachable(self.where, error) from error
 
