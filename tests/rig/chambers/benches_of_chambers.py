@@ -6,7 +6,7 @@ import os
 import socket
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
@@ -27,6 +27,9 @@ from tests.rig.chambers.devices import (
 from tests.rig.chambers.wire import Emulator, at_socket, at_terminal
 
 Case = TypeVar("Case")
+
+Quick = Callable[[], AbstractContextManager[None]]
+"""Of the fixture ``quick``."""
 
 HAS_TERMINALS = hasattr(os, "openpty")
 

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 import pytest
 
 from ipmclab.rig.chambers import driver, watch
+from tests.rig.chambers.benches_of_chambers import Quick
 
 
 @pytest.fixture
-def quick() -> Callable[[], AbstractContextManager[None]]:
+def quick() -> Quick:
     """Shorter deadlines while something is waited for that does not come: what comes has its time, on any machine."""
 
     @contextmanager

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
-from contextlib import AbstractContextManager
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,7 +14,7 @@ from ipmclab.rig.checks.chamber import chamber_findings, chamber_items
 from ipmclab.rig.checks.proof import rig_fingerprint
 from ipmclab.rig.files.rig_file import load_rig, rig_from_text
 from ipmclab.rig.files.text import rig_to_text
-from tests.rig.chambers.benches_of_chambers import KINDS, WANTED, paired
+from tests.rig.chambers.benches_of_chambers import KINDS, WANTED, Quick, paired
 from tests.rig.chambers.devices import EspecDevice
 from tests.rig.chambers.wire import at_socket
 
@@ -45,9 +43,7 @@ def test_a_check_leaves_the_chamber_as_it_is(tmp_path: Path) -> None:
     assert (read, finding.code, finding.severity) == (None, "chamber-unreachable", "error")
 
 
-def test_a_proof_brings_the_chamber_to_standby(
-    tmp_path: Path, quick: Callable[[], AbstractContextManager[None]]
-) -> None:
+def test_a_proof_brings_the_chamber_to_standby(tmp_path: Path, quick: Quick) -> None:
     with paired(KINDS[0], tmp_path) as pair:
         pair.chamber.set(*WANTED)
         assert [one.status for one in chamber_items(pair.chamber)] == ["passed", "passed"]

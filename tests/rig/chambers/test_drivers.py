@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable
-from contextlib import AbstractContextManager, ExitStack
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
@@ -18,13 +17,12 @@ from tests.rig.chambers.benches_of_chambers import (
     WANTED,
     Kind,
     Pair,
+    Quick,
     at_once,
     paired,
     set_by_another,
 )
 from tests.rig.chambers.devices import EspecDevice
-
-Quick = Callable[[], AbstractContextManager[None]]
 
 
 @pytest.mark.parametrize("kind", [*KINDS, *BY_CONVERTER], ids=str)

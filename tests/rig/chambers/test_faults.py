@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import random
 import time
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
 
 from ipmclab.rig.chambers import driver
 from ipmclab.rig.chambers.chamber import ChamberError
-from tests.rig.chambers.benches_of_chambers import KINDS, WANTED, Kind, Pair, at_once, paired
+from tests.rig.chambers.benches_of_chambers import KINDS, WANTED, Kind, Pair, Quick, at_once, paired
 from tests.rig.chambers.wire import LINE_FAULTS, Fault
 from tests.rig.chambers.wire import Kind as FaultKind
 from tests.waiting import until
@@ -98,6 +99,24 @@ def test_one_answer_that_fails_costs_a_question_and_nothing_else(tmp_path: Path)
                 assert pair.chamber.read().temperature == WANTED[0]
 
     at_once(fail, LINE_FAULTS)
+
+
+def test_standby_is_reached_by_the_first_call_once_it_answers_again(tmp_path: Path, quick: Quick) -> None:
+    """Of a line that was listened to for all the time that standby is tried for a second time, nothing was asked."""
+
+    def fail(pair: Pair) -> None:
+        pair.chamber.set(*WANTED)
+        pair.emulator.fault = Fault("silence")
+
+    with ExitStack() as stack:
+        pairs = [stack.enter_context(paired(kind, tmp_path)) for kind in KINDS]
+        at_once(fail, pairs)
+        with quick():
+            at_once(lambda pair: tried(pair.chamber.safe), pairs)
+        for pair in pairs:
+            pair.emulator.fault = None
+        at_once(lambda pair: pair.chamber.safe(), pairs)
+        assert {pair.room.mode for pair in pairs} == {"STANDBY"}
 
 
 @pytest.mark.parametrize("kind", [KINDS[1], *KINDS[::3]], ids=str)

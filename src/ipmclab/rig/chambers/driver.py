@@ -13,6 +13,7 @@ from typing import Final
 
 from ipmclab.rig.chambers.chamber import ChamberError, Conditions, Mode, Ranges, Stillness
 from ipmclab.rig.chambers.deadline import Deadline
+from ipmclab.rig.chambers.line import LONGEST_QUIET
 
 READ_TIME: Final = 6.0
 """A reading takes at most so long [s], and whoever comes second waits at most so long for the line."""
@@ -26,8 +27,8 @@ SET_TIME: Final = 10.0
 SAFE_TIME: Final = 7.0
 """Bringing a chamber to standby takes at most so long [s]."""
 
-AGAIN_TIME: Final = 3.0
-"""And where that has failed within the last ``AGAIN`` s, so long."""
+AGAIN_TIME: Final = LONGEST_QUIET + 2.0
+"""And where that has failed within the last ``AGAIN`` s, so long: a line that lost its place is listened to first."""
 
 AGAIN: Final = 15.0
 
