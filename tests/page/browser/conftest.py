@@ -94,7 +94,8 @@ def opening(chromium) -> Iterator[Callable[..., object]]:
         context = chromium.new_context(viewport=viewport, color_scheme=theme, bypass_csp=True, user_agent=agent)
         context.set_default_timeout(LONG)
         # A server without a processor for some seconds is no lost link: a press would not be done.
-        context.add_init_script(f"addEventListener('DOMContentLoaded', () => {{ lab.patience = {LONG} }})")
+        patient = f"if (window.lab) lab.patience = {LONG}"  # not on a page of others
+        context.add_init_script(f"addEventListener('DOMContentLoaded', () => {{ {patient} }})")
         contexts.append(context)
         page = context.new_page()
         watch(page)
