@@ -183,6 +183,18 @@ def test_after_a_pause_of_this_program_its_guardian_is_heard_first(
     assert process.heard == ["arm 1.0", "ask 1"]
 
 
+def test_a_failure_that_says_its_cause_itself_waits_for_nobody(
+    guardian: Guardian, process: Process, clock: Clock
+) -> None:
+    """The output is to be brought to 0 V, whether the guardian answers or hangs."""
+    guardian.arm()
+    clock.goes_on(3.0)
+    waited = list(clock.patience)
+    failure = frozen("limit")
+    guardian.explain(failure)
+    assert (failure.code, clock.patience, process.heard) == ("limit", waited, ["arm 1.0"])
+
+
 @pytest.mark.parametrize("call", ["beat", "explain"])
 def test_one_that_did_not_act_says_so_at_once(guardian: Guardian, process: Process, clock: Clock, call: str) -> None:
     """The recorder was held up, and in time: it goes on, without waiting out a time."""
@@ -194,22 +206,26 @@ def test_one_that_did_not_act_says_so_at_once(guardian: Guardian, process: Proce
     assert process.heard[1:] == (["ask 1", "beat"] if call == "beat" else ["ask 1"])
 
 
-def test_an_answer_of_before_is_none(guardian: Guardian, process: Process, clock: Clock) -> None:
-    """One that came too late for the beat that asked is not what the next one waits for."""
+def test_one_that_answers_late_is_asked_by_each_beat(guardian: Guardian, process: Process, clock: Clock) -> None:
+    """No beat keeps the rows waiting for long, and none forgets how long the recorder was silent before it."""
     guardian.arm()
     process.hears = clock.is_patient = False
-    clock.jumps(0.75)
+    clock.jumps(5.0)
+    clock.let_it_wake()
+    clock.goes_on(1.0)
+    process.say("alive")
+    until(lambda: guardian._sign == clock.now)
     guardian.beat()
     process.hears = clock.is_patient = True
-    clock.jumps(5.0)
 
     def late() -> None:
-        process.say("heard 1", ACTED)
+        process.say("heard 1", ACTED)  # the answer to the beat before is none to this one
         process.answer()
 
     clock.meanwhile = late
-    with pytest.raises(IpmclabError, match=f"{COMPUTER} for 5.0 s"):
+    with pytest.raises(IpmclabError, match=f"{COMPUTER} for 6.0 s"):
         guardian.beat()
+    assert process.heard == ["arm 1.0", "ask 1", "beat", "ask 2"]
 
 
 def test_a_stop_within_a_beat_is_not_the_chassis_s(guardian: Guardian, process: Process, clock: Clock) -> None:

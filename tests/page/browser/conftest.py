@@ -69,11 +69,14 @@ def chromium(require: Callable[[str, object], None]) -> object:
     return _browsers[0]
 
 
-@pytest.hookimpl(trylast=True)
-def pytest_runtest_teardown(nextitem: pytest.Item | None) -> None:
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_teardown(nextitem: pytest.Item | None) -> Iterator[None]:
     """Close the browser behind the last of them: its event loop runs until then, and others start one of their own."""
-    if nextitem is None or Path(__file__).parent not in nextitem.path.parents:
-        _kept.close()
+    try:
+        return (yield)
+    finally:  # also where a fixture ends with an error
+        if nextitem is None or Path(__file__).parent not in nextitem.path.parents:
+            _kept.close()
 
 
 @contextmanager

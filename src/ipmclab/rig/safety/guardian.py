@@ -21,6 +21,7 @@ SILENCE: Final = 0.5
 _LOST: Final = 3.0  # s without a sign of life: the guardian hangs itself
 _START: Final = 30.0  # s to start Python and to connect
 _ANSWER: Final = 2.0  # s for an answer to a word
+_WORD: Final = 0.3  # s for one while rows are due; the next beat asks again
 _OFTEN: Final = 0.2  # s; blocks that are further apart need beats between them
 
 Outcome = Literal["", "zero", "unread", "failed"]
@@ -153,10 +154,9 @@ class Guardian:
         now, used = time.monotonic(), time.thread_time()
         silent, worked = now - self._progress, used - self._used
         late = self._lateness.at(now)
-        if silent > self._silence / 2.0:
-            self._hear()
-        self._progress, self._used = now, used
-        self._lateness.forget(now)
+        if silent <= self._silence / 2.0 or self._hear(_WORD):
+            self._progress, self._used = now, used
+            self._lateness.forget(now)
         self._held_until = now
         if self._state == "acted":
             raise self._after_silence(silent, waited=max(worked, late) < self._silence / 2.0)
@@ -180,21 +180,23 @@ class Guardian:
         now = time.monotonic()
         silent = now - self._progress
         held_up = self._lateness.at(now) > max(self._silence, silent) / 2.0
+        if not held_up and failure.code != "bench-lost":
+            return  # at once: the output is to be brought to 0 V
         with suppress(IpmclabError):  # one that is gone has said why
-            self._hear()
-        if self._state == "acted" and (held_up or failure.code == "bench-lost"):
+            self._hear(_ANSWER)
+        if self._state == "acted":
             cause = self._after_silence(silent, waited=not held_up)
             failure.message, failure.code, failure.where = cause.message, cause.code, cause.where
             failure.repair = cause.repair
 
-    def _hear(self) -> None:
-        """Ask an armed guardian for an answer, so that what it said before has been read: that it acted, above all."""
+    def _hear(self, patience: float) -> bool:
+        """Whether an armed guardian answers, so that what it said before has been read: that it acted, above all."""
         with self._told:
             if self._state != "armed":
-                return
+                return True
             self._asked += 1
             self._send(f"ask {self._asked}")
-            self._told.wait_for(lambda: self._answered == self._asked or self._state != "armed", _ANSWER)
+            return self._told.wait_for(lambda: self._answered == self._asked or self._state != "armed", patience)
 
     def hold(self, seconds: float) -> None:
         """The next beat may take so long [s]: tasks are started or stopped. A thread beats until then.
