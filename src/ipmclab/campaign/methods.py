@@ -160,12 +160,12 @@ def _checks(campaign: Campaign, events: Sequence[Mapping[str, Any]]) -> str:
     if campaign.fails_at == "never":
         text = "Every run was checked, and kept whatever was found."
     parts = [
-        f"{verdicts[verdict]} {words}"
-        for verdict, words in (
-            ("kept", "runs passed"),
-            ("repeat", "were recorded again"),
-            ("flagged", "are flagged"),
-            ("interrupted", "were cut off and recorded again"),
+        f"{verdicts[verdict]} {one if verdicts[verdict] == 1 else several}"
+        for verdict, one, several in (
+            ("kept", "run passed", "runs passed"),
+            ("repeat", "was recorded again", "were recorded again"),
+            ("flagged", "is flagged", "are flagged"),
+            ("interrupted", "was cut off and recorded again", "were cut off and recorded again"),
         )
         if verdicts[verdict]
     ]
