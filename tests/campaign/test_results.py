@@ -235,6 +235,7 @@ def test_the_methods_say_what_was_done(made):
     one_flagged = [event | {"verdict": "flagged"} if event is events[-1] else event for event in events]
     assert "3 runs passed and 1 is flagged" in " ".join(methods(campaign, blocks_of(campaign), one_flagged))
     for text in (
+        "One sample was recorded on",
         "virtual one",
         "clamped once for each block",
         "40 s each at 100 rows",
