@@ -26,8 +26,9 @@ def test_what_is_no_text_is_told(tmp_path: Path) -> None:
     with pytest.raises(InputError) as caught:
         read_text(tmp_path / "x.toml", kind="a rig file", missing=MISSING)
     assert caught.value is MISSING
-    with pytest.raises(InputError, match="this is a folder, not a rig file; name a file in it"):
+    with pytest.raises(InputError) as caught:
         read_text(tmp_path, kind="a rig file", missing=MISSING)
+    assert str(caught.value) == f"{tmp_path}: this is a folder, not a rig file; name a file in it"
     (tmp_path / "bytes.toml").write_bytes(b"\xff\xfe\x00")
     for path in (tmp_path / "bytes.toml", tmp_path / ("a" * 300), Path("null\0")):
         with pytest.raises(InputError, match="the file cannot be read as text"):

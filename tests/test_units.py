@@ -108,6 +108,14 @@ def test_what_is_refused_and_how(text: str, code: str, words: str) -> None:
     assert str(caught.value).startswith("geometry.free_length: ")
 
 
+def test_where_there_is_one_unit_no_other_is_spoken_of() -> None:
+    with pytest.raises(InputError) as caught:
+        units.parse_quantity("22 C", units.TEMPERATURE, where="air")
+    assert (
+        str(caught.value) == "air: '22 C' is not a temperature: the unit 'C' is not degC; give the temperature in degC"
+    )
+
+
 def test_common_spellings() -> None:
     """Signs for micro, ohm and degrees and raised digits are read as the plain spelling."""
     assert units.parse_quantity("25 °C", units.TEMPERATURE, where="x") == 25.0

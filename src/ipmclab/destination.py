@@ -24,8 +24,8 @@ def target_of(path: str | os.PathLike[str], *, overwrite: bool) -> Path:
     Raises
     ------
     InputError
-        No file can have this name, the folder does not exist, the path is a folder, or the file
-        exists and ``overwrite`` is False.
+        No file can have this name, the folder does not exist or may not be written in, the path is a folder, or the
+        file exists and ``overwrite`` is False.
     """
     try:
         # A link stays: what it points to is replaced, as when a program writes through it.
@@ -47,6 +47,13 @@ def target_of(path: str | os.PathLike[str], *, overwrite: bool) -> Path:
         )
     if is_folder:
         raise InputError("this is a folder", code="is-a-folder", where=str(path), repair="name a file in it")
+    if not os.access(target.parent, os.W_OK | os.X_OK):
+        raise InputError(
+            f"you may not write in the folder {str(Path(path).parent)!r}",
+            code="folder-closed",
+            where=str(path),
+            repair="ask for the right to write there, or write elsewhere",
+        )
     if there and not overwrite:
         raise InputError(
             "the file exists already",

@@ -31,6 +31,8 @@ def read_text(path: Path, *, kind: str, missing: InputError) -> str:
                 f"this is a folder, not {kind}", code="is-a-folder", where=where, repair="name a file in it"
             )
         return path.read_text(encoding="utf-8-sig")  # Windows' own editor may put a mark at the start
+    except InputError:  # which is a ValueError too
+        raise
     except FileNotFoundError:
         raise missing from None
     except (OSError, ValueError) as error:

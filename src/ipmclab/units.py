@@ -305,11 +305,13 @@ def parse_quantity(text: str, quantity: Quantity, *, where: str, example: str = 
             repair=f"write for example '{example or f'{number:g} {quantity.display_unit}'}'",
         )
     if unit not in quantity.units:
+        only = len(quantity.units) == 1
         raise InputError(
-            f"{text!r} is not a {quantity.name}: the unit {unit!r} is not one of {', '.join(quantity.units)}",
+            f"{text!r} is not a {quantity.name}: the unit {unit!r} is not "
+            f"{'' if only else 'one of '}{', '.join(quantity.units)}",
             code="bad-unit",
             where=where,
-            repair=f"give the {quantity.name} in {quantity.display_unit} or another of these",
+            repair=f"give the {quantity.name} in {quantity.display_unit}{'' if only else ' or another of these'}",
         )
     factor = quantity.units[unit]
     # A decimal multiple is applied in decimal, so that "0.245 mm" is the float 0.000245.

@@ -59,6 +59,12 @@ def test_a_campaign_that_grows_keeps_its_mountings(order, clamped):
     assert len(added) == 2  # strips
 
 
+def test_the_template_can_be_recorded_as_it_is():
+    """The guard ended its step of 3 V, and with it the campaign."""
+    remarks = plan_campaign(campaign_from_text(TEMPLATE), bytes_free=10**12).remarks
+    assert not any("the guard" in one for one in remarks)
+
+
 def mountings(campaign):
     """The mounting of each run of a campaign at a virtual bench."""
     sittings = list(sittings_of(campaign, blocks_of(campaign)))

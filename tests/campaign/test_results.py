@@ -230,8 +230,12 @@ def test_facts_are_those_of_the_strip(made):
 def test_the_methods_say_what_was_done(made):
     file, out = made
     campaign = campaign_from_text(file.read_text(), folder=file.parent)
-    told = " ".join(methods(campaign, blocks_of(campaign), read_events(out)))
+    events = read_events(out)
+    told = " ".join(methods(campaign, blocks_of(campaign), events))
+    one_flagged = [event | {"verdict": "flagged"} if event is events[-1] else event for event in events]
+    assert "3 runs passed and 1 is flagged" in " ".join(methods(campaign, blocks_of(campaign), one_flagged))
     for text in (
+        "One sample was recorded on",
         "virtual one",
         "clamped once for each block",
         "40 s each at 100 rows",

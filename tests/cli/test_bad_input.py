@@ -304,6 +304,19 @@ def test_a_file_that_may_not_be_read(command, tmp_path: Path) -> None:
     expect(command("check", "step.nc"), 2, "step.nc")
 
 
+@pytest.mark.skipif(os.name == "nt", reason="a folder of Windows has no such bits")
+def test_a_folder_that_lets_nobody_write_is_told_before_the_work(command, tmp_path: Path, monkeypatch) -> None:
+    """A fit of minutes was made first, and was lost."""
+    (tmp_path / "closed").mkdir(mode=0o555)
+    if os.geteuid() == 0:  # who may write everywhere: the bits speak in place of the system
+        monkeypatch.setattr("os.access", lambda path, mode: bool(os.stat(path).st_mode & 0o200))
+    command(*simulate(out="step.nc"))
+    monkeypatch.setattr("ipmclab.workflows.fitting.fit_of_runs", None)
+    done = command("identify", "friend-2", "step.nc", "--free", "electrical", "--out", "closed/fit.toml")
+    expect(done, 2, "you may not write in the folder 'closed'", "write elsewhere")
+    expect(command("export", "friend-2", "--to", "matlab", "--out", "closed/strip.m"), 2, "you may not write")
+
+
 def test_force_replaces_what_is_there(command) -> None:
     assert command(*simulate(out="step.nc"), "--force").status == 0
 

@@ -49,6 +49,22 @@ def test_the_posterior_goes_to_page_and_data_too(
     assert "--metric force.largest --posterior</code>" in page
 
 
+@pytest.mark.parametrize(("count", "told"), [(1, "1 of the runs has"), (7, "7 of the runs have")])
+def test_runs_with_errors_are_counted_as_they_are_named(
+    command: Command, tmp_path: Path, count: int, told: str
+) -> None:
+    clean = ipmclab.simulate(ipmclab.load_actuator("friend-2"), "step 1 V", duration=10.0, rate=10.0)
+    names = [f"turned-{number}.nc" for number in range(count)]
+    for number, name in enumerate(names):
+        turned = ipmclab.Run.from_arrays(
+            time=clean.time, voltage=clean.voltage, displacement=-(1.0 + 0.1 * number) * clean.displacement
+        )
+        ipmclab.write_run(turned, tmp_path / name)
+    said = " ".join(command("compare", *names).err.split())
+    assert f"{told} findings of severity error" in said
+    assert (f"{names[4]} and 2 more; see" if count == 7 else f"nevertheless: {names[0]}; see") in said
+
+
 def test_a_table_for_people(command: Command, steps: list[str], tmp_path: Path) -> None:
     (tmp_path / "broken.nc").write_bytes(b"no run")
     done = command("compare", *steps, "broken.nc", "--metric", "force.largest")

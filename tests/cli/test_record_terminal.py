@@ -148,3 +148,12 @@ def test_a_run_names_all_that_was_found_in_it(capsys: pytest.CaptureFixture[str]
     first, second = capsys.readouterr().out.splitlines()[-2:]
     assert first.split() == ["a.nc", "signal", "complete", "drift-before-step"]
     assert second.split() == ["b.nc", "signal", "complete", "nothing", "found"]
+
+
+def test_why_a_run_ended_stands_below_the_table(capsys: pytest.CaptureFixture[str]) -> None:
+    """A sentence in a column made each line of the table longer than a screen is wide."""
+    why = "the output ran out of samples and holds its last voltage: this computer did not feed it in time"
+    print_results([{"path": "a.nc", "purpose": "signal", "state": "aborted", "state_reason": why, "findings": []}])
+    out = capsys.readouterr().out
+    assert max(map(len, out.splitlines())) <= 100
+    assert f"a.nc is aborted: {why}" in " ".join(out.split())

@@ -161,6 +161,13 @@ def test_water_and_saturated_air_are_two_environments() -> None:
             Environment.parse(text)
 
 
+@pytest.mark.parametrize("text", ["295 degC", "500 degC", "-60 degC"])
+def test_a_temperature_that_no_wet_strip_has_is_refused(text: str) -> None:
+    """A slip of the pen, such as kelvin, was simulated without a word."""
+    with pytest.raises(InputError, match="is no temperature of a strip that holds water; give -40 to 150 degC"):
+        Environment.parse(f"{text}, 70 %RH")
+
+
 def test_branches_keep_their_laws_when_they_change_places() -> None:
     values = {**EVERY.parameter_values, "circuit.branches.0.resistivity": 1e3}
     assert Order(values)("environment.branches.0.energy") == "environment.branches.1.energy"

@@ -99,6 +99,28 @@ def test_a_strip_has_one_look_and_strips_alike_in_the_other_property_are_joined(
     assert "one membrane thickness" in step.caption
 
 
+def test_runs_whose_strip_is_not_named_are_not_joined() -> None:
+    """In effects each counts as a strip of its own, and here a line went through them as through one strip."""
+
+    def row(run: str, sample: str, volts: float) -> RunRow:
+        size = Metric("largest", "displacement", 1e-3 * volts, "m", None, "")
+        return RunRow(run, sample, "", "", "", "step", {"voltage": volts}, {"displacement.largest": size})
+
+    def drawn(sample: str) -> tuple[str, list[float]]:
+        rows = (row("a.nc", sample, 1.0), row("b.nc", sample, 2.0))
+        (figure,) = factor_figures(
+            Comparison(rows, chosen_factors(["voltage"]), ("displacement.largest",), {}, {}, {}, ())
+        )
+        return figure.caption, figure.draw().axes[0].lines[-1].get_ydata().tolist()
+
+    caption, line = drawn("strip-1")
+    assert "not joined" not in caption
+    assert line[:2] == pytest.approx([1.0, 2.0])
+    caption, line = drawn("")
+    assert "Runs that name no sample are not joined." in caption
+    assert line == pytest.approx([1.0, np.nan, 2.0, np.nan], nan_ok=True)
+
+
 def test_a_power_of_ten_does_not_stand_in_the_name_of_a_panel() -> None:
     key = "displacement.strain_amplitude"
 
@@ -151,7 +173,7 @@ def test_one_run_alone_makes_a_page(tmp_path: Path) -> None:
 
 
 def test_each_metric_says_its_own_levels_where_they_differ() -> None:
-    """Displacement was measured at 1 and 2 V, force at 1 and 3 V: no title holds for both."""
+    """Displacement at 1 and 3 V, force at 1 and 2 V: no title holds for both, and no name is cut for it."""
     strip = ipmclab.load_actuator("friend-2")
 
     def measured(channel: str, volts: float) -> ipmclab.Run:
@@ -160,15 +182,16 @@ def test_each_metric_says_its_own_levels_where_they_differ() -> None:
         return replace(run, **{"current": None, "displacement": None, "force": None, channel: values})
 
     scatter = iter((0.0, 1.0, 2.0, 0.5, 1.5, 0.2, 0.7, 1.1))
-    runs = [measured("displacement", volts) for volts in (1.0, 1.0, 2.0, 2.0)]
-    runs += [measured("force", volts) for volts in (1.0, 1.0, 3.0, 3.0)]
+    runs = [measured("displacement", volts) for volts in (0.987, 0.987, 2.96, 2.96)]
+    runs += [measured("force", volts) for volts in (0.987, 0.987, 1.98, 1.98)]
     figure = effects_figure(compare(runs))
     assert figure is not None
     (panel,) = figure.draw().axes
     assert panel.get_title(loc="left").endswith("highest level over lowest")
     said = " ".join(label.get_text() for label in panel.get_yticklabels())
-    assert "2 V over 1 V" in said
-    assert "3 V over 1 V" in said
+    assert "2.96 V over 0.987 V" in said
+    assert "1.98 V over 0.987 V" in said
+    assert "step: displacement, largest" in said  # it was "step: displacement, la…t, 2.96 V over 0.987 V"
 
 
 def test_a_mean_says_of_how_many_runs_and_from_where_to_where() -> None:

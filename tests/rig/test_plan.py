@@ -232,6 +232,22 @@ def test_the_limit_that_is_proposed_for_a_small_current_is_enough() -> None:
     assert planned(**asked, limits={"current": proposed}).runs
 
 
+def test_what_the_guard_would_end_is_told_before_anything_moves() -> None:
+    """Only the peak of the current was foretold: the guard ended a run that the plan had found nothing against."""
+
+    def told(**limits: str) -> list[str]:
+        plan = planned(
+            signal="step 3 V", actuator="friend-1-measured", fingerprint=False, limits={"current": "0.3 A", **limits}
+        )
+        return [one for one in plan.remarks if "the guard" in one]
+
+    (remark,) = told()
+    assert "ended by the guard at 5.62 s" in remark
+    assert "the mean power over 1 s is 0.4534 W" in remark
+    assert "state limits.power where" in remark
+    assert told(power="0.6 W") == []
+
+
 @pytest.mark.parametrize(
     ("steps", "told"),
     [

@@ -217,7 +217,7 @@ def test_tables_that_cannot_be(tmp_path: Path, text: str, message: str) -> None:
         ("base = 512", "base = 500", "give a power of two, such as 256 or 512"),
         ("base = 512", "base = 0", "0 is below 1"),
         ('kind = "saltelli"', 'kind = "fourier"', "'fourier' is not"),
-        ("force.rms", "force.rmss", r"did you mean 'force\.rms'"),
+        ("force.rms", "force.rmss", r"sweep: metrics: .*did you mean 'force\.rms'"),
         ("sine 1 V 0.5 Hz", "sine 1 V 80 Hz", "rows at 50 Hz follow it to 25 Hz"),
         ("friend-2", "friend-99", "there is no actuator"),
         ("[ranges]", "[range]", "unknown key 'range'"),

@@ -110,7 +110,7 @@ def board_of(events: Sequence[Mapping[str, Any]]) -> Board | None:
 def _models(events: Iterable[Mapping[str, Any]]) -> dict[str, str]:
     found: dict[str, list[str]] = {}
     for one in {one["model"]: one for one in events if one["event"] == "model"}.values():
-        scores = ", ".join(f"{name} {score:.0f} %" for name, score in one["scores"].items())
+        scores = ", ".join(f"{name} {score:.1f} %" for name, score in one["scores"].items())
         found.setdefault(one["sample"], []).append(one["failure"] or scores or "no other run")
     return {sample: "; ".join(parts) for sample, parts in found.items()}
 

@@ -128,7 +128,7 @@ class SampleModel:
         if self.choice is None or self.fit is None:
             return f"{self.sample}: no model: {self.failure}"
         what = "modulus" if self.choice.is_of_modulus else "model"
-        scores = ", ".join(f"{name} {score:.0f} %" for name, score in self.scores.items()) or "there are none"
+        scores = ", ".join(f"{name} {score:.1f} %" for name, score in self.scores.items()) or "there are none"
         return f"{self.sample}: {what} from {label_of(self.choice.source)}; unseen runs: {scores}"
 
 

@@ -53,7 +53,9 @@ def methods(campaign: Campaign, blocks: Sequence[Block], events: Sequence[Mappin
 def _setting(campaign: Campaign, events: Sequence[Mapping[str, Any]]) -> str:
     rig = campaign.rig
     names = _listed([channel.name.replace("_", " ") for channel in rig.channels])
-    text = f"{len(campaign.strips)} samples were recorded on {rig.name}, which reads {names}"
+    strips = len(campaign.strips)
+    samples = "One sample was" if strips == 1 else f"{strips} samples were"
+    text = f"{samples} recorded on {rig.name}, which reads {names}"
     text += f", with {rig.shunt_resistance:g} Ω in series with the strip" if rig.shunt_resistance else ""
     recorded = [str(one["at"]) for one in events if one["event"] == "recorded"]
     if recorded:
@@ -160,12 +162,12 @@ def _checks(campaign: Campaign, events: Sequence[Mapping[str, Any]]) -> str:
     if campaign.fails_at == "never":
         text = "Every run was checked, and kept whatever was found."
     parts = [
-        f"{verdicts[verdict]} {words}"
-        for verdict, words in (
-            ("kept", "runs passed"),
-            ("repeat", "were recorded again"),
-            ("flagged", "are flagged"),
-            ("interrupted", "were cut off and recorded again"),
+        f"{verdicts[verdict]} {one if verdicts[verdict] == 1 else several}"
+        for verdict, one, several in (
+            ("kept", "run passed", "runs passed"),
+            ("repeat", "was recorded again", "were recorded again"),
+            ("flagged", "is flagged", "are flagged"),
+            ("interrupted", "was cut off and recorded again", "were cut off and recorded again"),
         )
         if verdicts[verdict]
     ]

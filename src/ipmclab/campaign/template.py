@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 TEMPLATE: Final = """\
-title = "two strips, three voltages"
+title = "two strips, two voltages"
 rig = "virtual"                   # or a rig file in this folder
 order = "randomised"              # of samples and signals, new in each repeat; "listed": in the order of this file
 seed = 1                          # of the random order
@@ -40,6 +40,6 @@ baseline = true
 name = "force"
 samples = ["strip-1"]             # all of them where it is left out
 measured = ["current", "force"]
-signals = ["step 3 V"]
+signals = ["step 2 V"]
 """
 """A campaign file to start from."""

@@ -276,7 +276,10 @@ def _finish(campaign: Campaign, planned: CampaignPlan, folder: Path, state: Stat
             }
         )
         return
-    print(f"{len(state.done)} runs are recorded, {again} were repeated, {len(flagged)} are flagged")
+    print(
+        f"{_so_many(len(state.done), 'run is', 'runs are')} recorded, {_so_many(again, 'was', 'were')} repeated, "
+        f"{_so_many(len(flagged), 'is', 'are')} flagged"
+    )
     for name in flagged:
         print(f"  flagged: {name}")
     if printed:
@@ -288,3 +291,7 @@ def _finish(campaign: Campaign, planned: CampaignPlan, folder: Path, state: Stat
     for one_model in models:
         print_paragraph(str(one_model))
     print(f"{metrics}\n{repeats}\n{report}")
+
+
+def _so_many(count: int, one: str, several: str) -> str:
+    return f"{count} {one if count == 1 else several}"

@@ -30,6 +30,9 @@ _COLUMNS = 5
 _LISTED = 40
 """Effects that a terminal shows; the page and --json have all."""
 
+_DOUBTFUL = 5
+"""Runs with errors that a terminal names."""
+
 
 def compare(
     runs: Annotated[
@@ -218,9 +221,12 @@ def _print(found: Comparison) -> None:
     if found.nameless:
         remarks.append(NAMELESS.format(count=found.nameless))
     if found.doubtful:
+        doubtful = list(found.doubtful)
+        have, count = ("has", "counts") if len(doubtful) == 1 else ("have", "count")
+        more = f" and {len(doubtful) - _DOUBTFUL} more" if len(doubtful) > _DOUBTFUL else ""
         remarks.append(
-            f"{len(found.doubtful)} of the runs have findings of severity error, and count nevertheless: "
-            f"{', '.join(list(found.doubtful)[:5])}; see ipmclab check"
+            f"{len(doubtful)} of the runs {have} findings of severity error, and {count} nevertheless: "
+            f"{', '.join(doubtful[:_DOUBTFUL])}{more}; see ipmclab check"
         )
     reasons = dict.fromkeys(
         f"{effect.factor.label}: {effect.reason}"

@@ -38,8 +38,8 @@ def check_output(
     Raises
     ------
     InputError
-        Another kind of file, a folder, a folder that is not there, a file that is read (even with ``force``), or one
-        that exists without ``force``.
+        Another kind of file, a folder, a folder that is not there or closed, a file that is read (even with
+        ``force``), or one that exists without ``force``.
     """
     if path.suffix.lower() not in suffixes and not path.is_dir():
         raise InputError(

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from ipmclab.cli.output import console, print_table, read
+from ipmclab.cli.output import console, print_paragraph, print_table, read
 from ipmclab.units import CHANNELS
 
 if TYPE_CHECKING:
@@ -155,10 +155,12 @@ def print_results(runs: Sequence[Mapping[str, Any]]) -> None:
     rows = []
     for run in runs:
         codes = dict.fromkeys(one["code"] for one in run["findings"])
-        state = run["state"] + (f" ({run['state_reason']})" if run["state_reason"] else "")
-        rows.append([short(run["path"]), run["purpose"], state, ", ".join(codes) or "nothing found"])
+        rows.append([short(run["path"]), run["purpose"], run["state"], ", ".join(codes) or "nothing found"])
     if rows:
         print_table(["run", "purpose", "state", "findings"], rows)
+    for run in runs:  # a sentence has no room in a column
+        if run["state_reason"]:
+            print_paragraph(f"{short(run['path'])} is {run['state']}: {run['state_reason']}")
 
 
 def short(path: str) -> str:

@@ -48,7 +48,8 @@ def simulate(
             "--at",
             metavar="TEXT",
             help='Of a strip with laws: "25 degC, 45 %RH" or "25 degC, in water"; several with their times, '
-            '"0 s: 20 degC, 80 %RH; 5 min: 20 degC, 50 %RH"; or a run (.nc) whose air was read.',
+            'straight lines between them, "0 s: 20 degC, 80 %RH; 5 min: 20 degC, 50 %RH"; or a run (.nc) whose air was '
+            "read.",
             show_default=False,
         ),
     ] = None,

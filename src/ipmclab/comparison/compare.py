@@ -242,6 +242,13 @@ def compare(
     ['1.76 mN', '3.52 mN', '5.28 mN']
     """
     factors = chosen_factors(by)
+    if isinstance(runs, (str, os.PathLike, Run)):
+        raise InputError(
+            f"this is one {type(runs).__name__}, not a list of runs",
+            code="not-runs",
+            where="compare",
+            repair="give a list: compare([run, ...])",
+        )
     if not runs:
         raise InputError("no runs are given", code="no-runs", where="compare", repair="give two runs or more")
     reader = _Reader({one.sample.id: one for one in strips if one.sample is not None})

@@ -52,8 +52,9 @@ def need_fit(fit: Any) -> None:
     InputError
     """
     if not isinstance(fit, Fit):
+        kind = type(fit).__name__
         raise InputError(
-            f"a {type(fit).__name__} is no fit",
+            f"{'an' if kind[0] in 'AEIOUaeiou' else 'a'} {kind} is no fit",
             code="not-a-fit",
             where="fit",
             repair="give what identify returned, or read_fit(path) of what write_fit wrote",

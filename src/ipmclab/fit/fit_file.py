@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from ipmclab.errors import InputError
+from ipmclab.fit.as_fitted import need_fit
 from ipmclab.fit.fit import Direction, Fit, FittedParameter
 from ipmclab.fit.fit_table_check import BadTable, check_fit_table
 from ipmclab.fit.known import Known
@@ -39,6 +40,7 @@ def write_fit(fit: Fit, path: str | Path, *, overwrite: bool = False) -> None:
     InputError
         The file exists, or cannot be written.
     """
+    need_fit(fit)
     write_actuator(fit.actuator, path, overwrite=overwrite)
 
 

@@ -22,6 +22,9 @@ from ipmclab.toml_file import glance
 _MOST_FITS: Final = 20
 """Fits of a session that are kept; then the oldest that is over goes."""
 
+MODELS: Final = "models"
+"""Where a campaign, whose folder is a lab too, puts the models of its samples."""
+
 _LONGEST_NAME: Final = 40
 """Letters of a fit's name: so many fit wherever it is shown."""
 
@@ -75,10 +78,9 @@ class Workshop:
         return sorted(library_names(), key=lambda name: (name != "friend-2", name))
 
     def own_actuators(self) -> list[str]:
-        """Actuator files of the lab, by their path below the root."""
-        return [
-            self.lab.below(path) for path in self.lab.tables() if {"geometry", "circuit"} <= {*(glance(path) or {})}
-        ]
+        """Actuator files of the lab, and the models of a campaign, by their path below the root."""
+        tables = [*self.lab.tables(), *self.lab.files(f"{MODELS}/*.toml")]
+        return [self.lab.below(path) for path in tables if {"geometry", "circuit"} <= {*(glance(path) or {})}]
 
     def actuator_path(self, name: str) -> str:
         """What ``load_actuator`` is given for a name of the page: a fit of this session, a file of the lab, or the

@@ -14,6 +14,7 @@ import numpy.typing as npt
 from ipmclab.destination import replacing
 from ipmclab.engine import Engine
 from ipmclab.errors import InputError, IpmclabError
+from ipmclab.fit.as_fitted import need_fit
 from ipmclab.fit.fit import Fit
 from ipmclab.identification.mountings.mountings import why_unknown
 from ipmclab.identification.problem.stated import stated_covariance
@@ -192,6 +193,7 @@ def sample_posterior(
     >>> round(found.standard_deviation / fit.parameters["circuit.dc_resistivity"].standard_error, 1)
     1.0
     """
+    need_fit(fit)
     if fit.estimate is None:
         raise InputError(
             "a fit that was read from a file no longer has its readings",

@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from ipmclab.confidence import NORMAL_95, REJECT
 from ipmclab.errors import InputError, IpmclabError
+from ipmclab.fit.as_fitted import need_fit
 from ipmclab.fit.fit import DETERMINED, Fit
 from ipmclab.fit.fit_table import changed
 from ipmclab.fit.left_out import LeftOut
@@ -84,6 +85,7 @@ def leave_one_run_out(fit: Fit, *, progress: OnProgress | None = None) -> Fit:
     >>> [bool(one.fit_percent["current"] > 98.0) for one in fit.left_out]
     [True, True, True]
     """
+    need_fit(fit)
     if fit.estimate is None:
         raise InputError(
             "a fit that was read from a file holds no runs to leave out",

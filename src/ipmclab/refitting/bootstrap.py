@@ -14,6 +14,7 @@ import numpy as np
 
 from ipmclab.engine import Engine, Here
 from ipmclab.errors import InputError, IpmclabError
+from ipmclab.fit.as_fitted import need_fit
 from ipmclab.fit.fit import Fit
 from ipmclab.identification.noise.correlate import Correlated
 from ipmclab.identification.solved import solved
@@ -99,6 +100,7 @@ def bootstrap(
     >>> len(bootstrap(fit, 40).samples["circuit.dc_resistivity"])
     40
     """
+    need_fit(fit)
     if count < FEWEST_DRAWS:
         raise InputError(
             f"{count} draws do not give a 95 % interval, which needs {FEWEST_DRAWS}",

@@ -10,6 +10,7 @@ from typing import Final
 import numpy as np
 
 from ipmclab.errors import InputError, suggest
+from ipmclab.fit.as_fitted import need_fit
 from ipmclab.fit.fit import Fit, FittedParameter
 from ipmclab.fit.fit_table import changed
 from ipmclab.fit.profile import Profile
@@ -71,6 +72,7 @@ def profile(fit: Fit, names: str | Iterable[str] | None = None, *, progress: OnP
     >>> fit.profiles["circuit.dc_resistivity"].is_open
     (False, False)
     """
+    need_fit(fit)
     if names is None:
         names = [name for name in fit.parameters if not name.startswith("observation.")]
     wanted = [names] if isinstance(names, str) else list(names)

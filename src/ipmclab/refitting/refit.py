@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from ipmclab.engine import Engine, Here
 from ipmclab.errors import InputError
+from ipmclab.fit.as_fitted import need_fit
 from ipmclab.fit.fit import Fit
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.one_thread import on_one_thread
@@ -86,6 +87,7 @@ def refit(
     >>> refit(fit, [{"current": others["current"]}])["circuit.dc_resistivity"].round(6).tolist()
     [40.0, 50.0]
     """
+    need_fit(fit)
     start = fitted(fit)
     pieces = _differences(start.problem, readings)
     count = len(pieces[0][1]) if pieces else 0

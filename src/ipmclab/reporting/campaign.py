@@ -141,7 +141,7 @@ def _sentences(
     kept = sum(one.verdict == "kept" for one in results)
     lines = [f"{kept} of {asked} runs were recorded and passed their checks."]
     if flagged:
-        lines.append(f"{flagged} {'is' if flagged == 1 else 'are'} flagged and count in no table.")
+        lines.append(f"{flagged} {'is flagged and counts' if flagged == 1 else 'are flagged and count'} in no table.")
     if printed:
         agree = sum(one.agrees for one in printed)
         lines.append(

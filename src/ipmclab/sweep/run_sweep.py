@@ -164,6 +164,13 @@ def run_sweep(
     >>> swept.parts.files, swept.found, again.found, round(first, 1)
     (1, 0, 1, 1.0)
     """
+    if not isinstance(sweep, Sweep):
+        raise InputError(
+            f"this is not a sweep, but of type {type(sweep).__name__}",
+            code="not-a-sweep",
+            where="sweep",
+            repair='give read_sweep("stiffness.toml")',
+        )
     parquet()  # before the long work
     engine = engine or Here()
     device = worth(device, sweep.design.count, len(sweep.record.time))

@@ -143,7 +143,11 @@ def _sweep(table: _SweepTable, folder: Path) -> Sweep:
     actuator = load_actuator(table.actuator if library else str(folder / table.actuator))
     signal = parse(table.signal, folder=folder)
     record = Record.of(table.duration, table.rate, table.hold)
-    metrics = Reduced.of(table.metrics)
+    try:
+        metrics = Reduced.of(table.metrics)
+    except InputError as error:
+        error.where = "metrics"  # the key of the file
+        raise
     sweep = Sweep(actuator, signal, record, _design(table, actuator, folder), metrics, table.sets_per_file)
     Batch.of(actuator, signal, None, record, metrics.outputs)  # a signal that does not fit the record
     return sweep

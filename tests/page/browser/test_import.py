@@ -45,6 +45,7 @@ def test_a_layout_is_corrected_and_what_was_filled_in_stays(address: str, open_p
     for label, words in filled.items():
         page.get_by_label(label, exact=label != "Save as").last.fill(words)
     page.get_by_label("Unit of column Spannung").select_option("V")
+    assert "chamber relative humidity" in page.locator("option").all_text_contents()
     at_rest = page.get_by_label("Reading at rest of column Strom")
     assert at_rest.get_attribute("placeholder") == "12.3 mA"  # as currents of strips are
     page.get_by_label("Unit of column Strom").select_option("mA")

@@ -13,6 +13,12 @@ from ipmclab.units import RELATIVE_HUMIDITY, TEMPERATURE, parse_quantity
 ABSOLUTE: Final = 273.15
 """Of 0 degC [K]."""
 
+COLDEST: Final = -40.0
+"""Of a strip [degC], as an environment that somebody writes may have it."""
+
+WARMEST: Final = 150.0
+"""The same, upwards: no membrane holds water there."""
+
 Origin = Literal["assumed", "computed", "measured"]
 """How a water content is known: assumed in equilibrium, computed from a history, measured by mass."""
 
@@ -72,7 +78,7 @@ class Environment:
         Raises
         ------
         InputError
-            Another text.
+            Another text, or a temperature outside -40 to 150 degC.
         """
         temperature, comma, second = (part.strip() for part in text.partition(","))
         if not comma or not temperature or not second:
@@ -83,6 +89,13 @@ class Environment:
                 repair="write temperature and humidity, such as '20 degC, 80 %RH', or '20 degC, in water'",
             )
         degrees = parse_quantity(temperature, TEMPERATURE, where=where)
+        if not COLDEST <= degrees <= WARMEST:
+            raise InputError(
+                f"{temperature!r} is no temperature of a strip that holds water",
+                code="bad-temperature",
+                where=where,
+                repair=f"give {COLDEST:g} to {WARMEST:g} degC",
+            )
         if second == IN_WATER:
             return cls(degrees, 100.0, in_water=True)
         return cls(degrees, parse_quantity(second, RELATIVE_HUMIDITY, where=where))

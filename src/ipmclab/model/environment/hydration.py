@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Final
 
-from ipmclab.model.environment.conditions import Environment, WaterState
+from ipmclab.model.environment.conditions import COLDEST, WARMEST, Environment, WaterState
 from ipmclab.model.environment.sorption import COEFFICIENTS, ISOTHERMS, PREFIX, water_content
 from ipmclab.model.parameters import Declaration, Measurement
 from ipmclab.model.stages.kind import StageKind
@@ -32,7 +32,7 @@ DECLARATIONS: Final = (
         typical=7.219,  # of 80 %RH in Zawodzinski's isotherm
         measured=Measurement("weigh the strip in its state of reference, and dry", 9),
     ),
-    Declaration(REFERENCE_TEMPERATURE, TEMPERATURE, "T_0", -40.0, 150.0, "linear", typical=20.0),
+    Declaration(REFERENCE_TEMPERATURE, TEMPERATURE, "T_0", COLDEST, WARMEST, "linear", typical=20.0),
     # Springer's conductivity vanishes at 0.326/0.5139.
     Declaration(PERCOLATION, NUMBER, "λ_p", 0.0, 10.0, "linear", default=0.634),
     # A boiled membrane of the H+ form; less where it was dried hot.

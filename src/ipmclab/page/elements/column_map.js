@@ -8,7 +8,7 @@ export default {
           <tr><th scope="row">is</th><td v-for="(column, k) in mine">
             <select :aria-label="'What column ' + named(k) + ' is'" v-model="column.channel" @change="tell()">
               <option value="">–</option>
-              <option v-for="(units, name) in options.channels" :value="name">{{ name.replace('_', ' ') }}</option>
+              <option v-for="(units, name) in options.channels" :value="name">{{ name.replaceAll('_', ' ') }}</option>
             </select></td></tr>
           <tr><th scope="row">unit</th><td v-for="(column, k) in mine">
             <select v-if="column.channel" :aria-label="'Unit of column ' + named(k)" v-model="column.unit" @change="tell()">

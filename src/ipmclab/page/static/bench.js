@@ -212,7 +212,7 @@
     part("lab-watched", plan?.limits ?? {}, (limits) => [
       make("summary", {}, "What the guard watches"),
       make("ul", {}, ...Object.entries(limits).map(([name, text]) =>
-        make("li", {}, `${name.replace("_", " ")}: ${text}`)))]);
+        make("li", {}, `${name.replaceAll("_", " ")}: ${text}`)))]);
   }
 
   function steering(state) {

@@ -131,7 +131,8 @@ def _factor_figure(
         name=f"{factor.name}-{waveform}".replace(" ", "-").replace("_", "-"),
         title=f"{factor.label.capitalize()}, {waveform}",
         caption=(f"Runs at {held}. " if held else "")
-        + f"A dot is a run, a line joins {line} at each level on the average.",
+        + f"A dot is a run, a line joins {line} at each level on the average."
+        + ("" if all(row.sample for row in rows) else " Runs that name no sample are not joined."),
         draw=lambda: _draw_factor(factor, other, rows, keys, comparison.samples),
         columns=columns if other is None else (*columns, f"{other.name} [{other.quantity.unit}]"),
         data=data,
@@ -162,8 +163,10 @@ def _draw_factor(
                 curves[row.sample][1].append(quantity.to_display(_shown(row, keys[place])))
             if other is not None:
                 _join_groups(panel, _groups(other, shown_rows), curves, further)
+            unnamed = curves.get("")
             for look, own in alike(curves, order):
-                _draw_strips_over(panel, own, look, points=len(shown_rows) <= _MOST_POINTS)
+                each = [part for curve in own for part in (_apart(curve) if curve is unnamed else [curve])]
+                _draw_strips_over(panel, each, look, points=len(shown_rows) <= _MOST_POINTS)
             panel.set_title(
                 f"{metric_label(keys[place])}{_in_unit(quantity.display_unit)}", fontsize=7.4, fontweight="normal"
             )
@@ -213,6 +216,11 @@ def _join_groups(
         if len(levels) > 1:
             at = sorted(levels)
             panel.plot(at, [float(np.mean(levels[one])) for one in at], zorder=1.5, **look)
+
+
+def _apart(curve: Curve) -> list[Curve]:
+    """Each run for itself, where none names its strip, which may be any."""
+    return [([x], [y]) for x, y in zip(*curve, strict=True)]
 
 
 def _shown(row: RunRow, key: str) -> float:
@@ -273,9 +281,12 @@ def effects_figure(comparison: Comparison) -> ComparedFigure | None:
 
 def _draw_effects(by: Mapping[str, list[tuple[str, Any]]]) -> Figure:
     with style():
-        heights = [0.19 * len(rows) + 0.12 for rows in by.values()]
+        commons = [_common(rows) for rows in by.values()]  # else each label has a line for its levels
+        heights = [
+            (0.19 if common else 0.3) * len(rows) + 0.12 for common, rows in zip(commons, by.values(), strict=True)
+        ]
         figure, grid = panel_grid(heights, 1, margins=Margins(left=2.5, right=0.3, top=0.3, row_gap=0.62, bottom=0.5))
-        for panel, rows in zip(grid[:, 0], by.values(), strict=True):
+        for panel, rows, common in zip(grid[:, 0], by.values(), commons, strict=True):
             panel.set_xscale("log")
             panel.axvline(1.0, color=COLOURS["muted"], linewidth=0.6)
             for place, (_, effect) in enumerate(rows):
@@ -284,11 +295,12 @@ def _draw_effects(by: Mapping[str, list[tuple[str, Any]]]) -> Figure:
                     panel.plot(effect.interval, [place, place], color=COLOURS["blue"], linewidth=1.4)
                 face = COLOURS["blue"] if is_known else "none"
                 panel.plot([effect.value], [place], "o", markersize=4, color=COLOURS["blue"], markerfacecolor=face)
-            levels = [_levels(effect) for _, effect in rows]
-            common = levels[0] if len(set(levels)) == 1 else ""  # metrics need not have been measured at the same ones
             panel.set_title(f"{rows[0][1].factor.label}: {common or 'highest level over lowest'}")
-            names = [label if common else f"{label}, {own}" for (label, _), own in zip(rows, levels, strict=True)]
-            panel.set_yticks(range(len(rows)), [label_text(name, longest=46) for name in names])
+            names = [
+                label_text(label, longest=46) + ("" if common else f"\n{label_text(_levels(one))}")
+                for label, one in rows
+            ]
+            panel.set_yticks(range(len(rows)), names)
             panel.set_ylim(len(rows) - 0.4, -0.6)
             _bound(panel, [one.value for _, one in rows], [end for _, one in rows for end in one.interval or ()])
             panel.grid(visible=True, axis="x")
@@ -296,6 +308,12 @@ def _draw_effects(by: Mapping[str, list[tuple[str, Any]]]) -> Figure:
             panel.tick_params(axis="y", length=0)
         grid[-1, 0].set_xlabel("ratio")
     return figure
+
+
+def _common(rows: Sequence[tuple[str, Any]]) -> str:
+    """The levels of all effects; empty where they differ: metrics need not have been measured at the same ones."""
+    levels = {_levels(effect) for _, effect in rows}
+    return levels.pop() if len(levels) == 1 else ""
 
 
 def _levels(effect: Effect) -> str:

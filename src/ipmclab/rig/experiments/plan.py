@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
+import numpy.typing as npt
 
 from ipmclab.errors import InputError, suggest
 from ipmclab.rig.channels import Rig
@@ -14,6 +15,7 @@ from ipmclab.rig.checks.rates import check_modules
 from ipmclab.rig.experiments.experiment import Experiment
 from ipmclab.rig.experiments.steps import FINGERPRINT, PlannedRun, PlannedStep, planned_steps, watched
 from ipmclab.rig.request import check_measured, check_rate, check_signal
+from ipmclab.rig.safety.guard import Alarm, Guard
 from ipmclab.rig.safety.limits import Limits
 from ipmclab.signals.signal import shortened
 from ipmclab.store.journal.laboratory import BALLAST, free_space_needed
@@ -21,6 +23,8 @@ from ipmclab.units import CURRENT
 
 if TYPE_CHECKING:
     from ipmclab.model import Actuator
+
+FloatArray = npt.NDArray[np.float64]
 
 USABLE: Final = 0.8
 """Share of a converter's range that an expected reading may reach."""
@@ -153,7 +157,7 @@ def make_plan(
     bytes_free : int
         On the disk of the laboratory folder.
     actuator : Actuator, optional
-        A model of the strip: foretells the peak current.
+        A model of the strip: foretells the peak current, and what the guard would end.
     rig_proof : str
         What is known of this hardware; empty for a virtual bench.
 
@@ -328,7 +332,21 @@ def _current_remarks(experiment: Experiment, rig: Rig, limits: Limits, actuator:
                 f"{named} is expected to draw {shown}: more than {100 * USABLE:.0f} % of what the channel of the "
                 f"current reads ({CURRENT.to_display(min(-low, high)):.3g} mA); give it a wider range"
             )
+        ended = _ended(run.voltage, run.current.clip(low, high), experiment.rate, rig, limits)
+        if ended is not None:
+            found.append(
+                f"{named} is expected to be ended by the guard at {ended.time:.3g} s (by {actuator.name}): {ended}; "
+                f"give a smaller amplitude, or state limits.{ended.limit} where this strip withstands more"
+            )
     return found
+
+
+def _ended(output: FloatArray, current: FloatArray, rate: float, rig: Rig, limits: Limits) -> Alarm | None:
+    """The first alarm that would bring the output to 0 V, were these the readings."""
+    sensed_upstream = rig.voltage_sensed == "upstream of shunt"
+    voltage = output - current * (rig.source_resistance + (0.0 if sensed_upstream else rig.shunt_resistance))
+    alarms = Guard(limits, rate, rig).look(0, {"voltage": voltage, "current": current})
+    return next((alarm for alarm in alarms if alarm.action == "zero"), None)
 
 
 def _within(signal: Any, duration: float) -> Any:
