@@ -32,7 +32,7 @@ from ipmclab.prediction.bands_of_run import another_mounting, band_of_run, longe
 from ipmclab.prediction.in_state import environment_of_run, state_in
 from ipmclab.prediction.open_coupling import open_coupling
 from ipmclab.prediction.own_of_mounting import own_of_mounting
-from ipmclab.prediction.read_off import edge_delay, sensor_zero
+from ipmclab.prediction.read_off import edge_delay, sensor_zeros
 from ipmclab.prediction.run_validation import RunValidation
 from ipmclab.prediction.said_of_run import said_of_run
 from ipmclab.prediction.scores import Comparison, Score, score
@@ -238,7 +238,7 @@ def _validate_run(
     there = model if state is None else strip_in_state(model, state, rates_of(fit))
     moving = {finding.channel for finding in found if finding.code == "not-at-rest"}  # which is no zero of a sensor
     still = [name for name in outputs if name not in moving]
-    found_zeros = {**{name: sensor_zero(record, name) for name in still}, **zeros_of_fit(fitted or {})}
+    found_zeros = {**sensor_zeros(there, record, still, fit), **zeros_of_fit(fitted or {})}
     zeros = {name: found_zeros[name] for name in outputs if found_zeros.get(name)}
     drifts, start = (fitted or {}).get("drift", {}), (fitted or {}).get("initial_state", {})
     since = run.time - run.time[0]
