@@ -121,6 +121,30 @@ def test_a_mean_of_autocorrelated_noise_is_rarely_a_zero(rows: int) -> None:
     assert sum(taken) <= 0.1 * len(taken)
 
 
+def test_a_run_that_asks_for_a_stage_the_model_lacks_contradicts_its_band(actuator: Actuator) -> None:
+    """A leak that 1 V does not show: what the fit leaves is noise, and it predicts 2 V to a fit of 70 %."""
+    rng = np.random.default_rng(SEED)
+
+    def read(strip: Actuator, signal: str) -> Run:
+        clean = simulate(strip, signal, duration=30.0, rate=RATE)
+        assert clean.current is not None
+        current = clean.current + rng.normal(0, 1e-4, len(clean))
+        return Run.from_arrays(time=clean.time, voltage=clean.voltage, current=current, hold=clean.hold)
+
+    leaking = load_actuator("friend-2+leak.cubic").replace(**{"leak.cubic.cubic": 15.0})
+    for strip, expected in ((leaking, ["current"]), (actuator, [])):
+        known = read(strip, "step 1 V delay=2 s")
+        fit = identify(actuator, known)
+        assert "stage-missing" not in {finding.code for finding in fit.findings}
+        outcome = validate(fit, [known, read(strip, "step 2 V delay=1 s"), read(strip, "sine 0.5 V 0.2 Hz")])
+        said = [finding for finding in outcome.findings if finding.code == "outside-band"]
+        assert [finding.channel for finding in said] == expected
+        assert (outcome.runs[1].scores["current"].fit_percent or 0.0) > 70.0
+        for finding in said:
+            assert finding.message.startswith(f"{outcome.runs[1].label}: the current lies farther")
+            assert (finding.values["times"] or 0.0) > 5.0
+
+
 def test_no_zero_is_invented_when_the_record_begins_with_the_edge(actuator: Actuator) -> None:
     clean = record(actuator)
     validation = validate(actuator, replace(clean, force=clean.force + 1e-3))
@@ -321,7 +345,7 @@ def test_a_real_record_is_scored_without_its_missing_contact(actuator: Actuator,
 def test_every_finding_of_a_validation_is_explained_in_the_documentation() -> None:
     root = Path(__file__).parents[2]
     source = (root / "src/ipmclab/prediction/validate.py").read_text("utf-8")
-    for name in ("open_coupling", "said_of_run"):
+    for name in ("open_coupling", "said_of_run", "outside_band"):
         source += (root / f"src/ipmclab/prediction/{name}.py").read_text("utf-8")
     codes = set(re.findall(r'Finding\(\s*"([a-z-]+)"', source))
     assert {"used-in-fit", "zero-taken-off"} <= codes

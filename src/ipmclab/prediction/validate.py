@@ -31,6 +31,7 @@ from ipmclab.model.validity import validity
 from ipmclab.prediction.bands_of_run import another_mounting, band_of_run, longer_than_fit, own_mounting, place_in
 from ipmclab.prediction.in_state import environment_of_run, state_in
 from ipmclab.prediction.open_coupling import open_coupling
+from ipmclab.prediction.outside_band import outside_band
 from ipmclab.prediction.own_of_mounting import own_of_mounting
 from ipmclab.prediction.read_off import edge_delay, sensor_zeros
 from ipmclab.prediction.run_validation import RunValidation
@@ -169,6 +170,7 @@ def validate(actuator: Actuator | Fit, runs: Sequence[Run] | Run, *, used: Itera
             findings += another_mounting(fit, run, label)
             findings += longer_than_fit(fit, run, label)
         findings += [] if one.used_in_fit else environment_of_run(fit, actuator, run, label)
+    findings += outside_band(done)
     pooled = {
         output: _pooled(output, [(place, one) for place, one in enumerate(done) if output in one.comparisons])
         for output in READ_OUTPUTS
