@@ -265,3 +265,30 @@ def test_force_is_forecast_too() -> None:
     assert ahead.weights["hold"] < 0.5
     # Of a clean record all is known but for the share that a short past leaves to holding.
     assert (np.abs(ahead.mean - came) <= ahead.weights["hold"] * np.abs(held - came) + 0.01 * np.ptp(came)).all()
+
+
+@pytest.mark.parametrize("signal", ["sine 1 V 0.1 Hz", "square 1 V 0.05 Hz", "random 1 V 5 s"])
+def test_a_voltage_that_moves_on_is_answered_as_it_was_before(signal: str) -> None:
+    """Of a strip with a slow mode, and the actuator of another that has none: it is weighed by what it said before."""
+    strip = load_actuator("friend-2+relaxation.displacement").replace(
+        **{"relaxation.displacement.0.ratio": 0.6, "relaxation.displacement.0.time_constant": 12.0, "coupling.p1": 12.0}
+    )
+    clean = simulate(strip, signal, duration=100, rate=10)
+    noise = 3e-6 * np.random.default_rng(20261128).standard_normal(len(clean))
+    run = replace(clean, displacement=clean.displacement + noise)
+    for model in (load_actuator("friend-2"), strip):
+        inside = []
+        for origin in np.arange(50.0, 90.0, 2.5):
+            ahead = forecast(model, run, origin=float(origin), horizon=5.0)
+            came = np.interp(ahead.time, run.time, run.displacement)
+            inside.append(np.mean((ahead.lower <= came) & (came <= ahead.upper)))
+        assert np.mean(inside) > 0.7
+
+
+def test_the_first_move_of_the_voltage_is_answered_by_the_actuator_in_full() -> None:
+    strip = load_actuator("friend-2")
+    run = simulate(strip, "step 1 V for 60 s then step -0.5 V", duration=80, rate=10)
+    plan = forecast(strip, run, origin=59.9, horizon=10.0)
+    stays = forecast(strip, simulate(strip, "step 1 V", duration=80, rate=10), origin=59.9, horizon=10.0)
+    there = simulate(strip, "step 1 V", duration=80, rate=10).displacement
+    assert plan.mean - stays.mean == pytest.approx((run.displacement - there)[600:700], abs=1e-9)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from ipmclab import Run, RunMetadata, identify, import_run, load_actuator, simulate
 from ipmclab.errors import InputError
@@ -83,6 +84,65 @@ def test_a_zero_within_the_noise_stays(actuator: Actuator) -> None:
     validation = validate(actuator, replace(clean, force=clean.force + noise))
     assert validation.runs[0].zeros == {}
     assert validation.scores["force"].rmse == pytest.approx(np.sqrt(np.mean(noise**2)), rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    "signal", ["chirp 1 V 0.02 Hz 2 Hz sweep_time=20 s", "sine 1 V 0.01 Hz", "triangle 1 V 0.01 Hz"]
+)
+def test_the_answer_to_a_voltage_that_begins_slowly_is_no_zero(actuator: Actuator, signal: str) -> None:
+    """The strip draws current, and moves, before its voltage counts as on; what its sensors add is still found."""
+    rng = np.random.default_rng(SEED)
+    clean = simulate(actuator, signal, duration=20.0, rate=RATE)
+    assert clean.current is not None
+    current = clean.current + rng.normal(0, 1e-4, len(clean))
+    for zero in (0.0, 2e-3):
+        read = replace(clean, current=current + zero, displacement=None, force=None)
+        zeros = validate(actuator, read).runs[0].zeros
+        assert zeros == ({"current": pytest.approx(zero, abs=2e-4)} if zero else {})
+
+
+@pytest.mark.parametrize("rows", [20, 40, 100])
+def test_a_mean_of_autocorrelated_noise_is_rarely_a_zero(rows: int) -> None:
+    """Of AR(1) noise of 0.9; three standard errors of white noise took a mean off in 53 to 57 %."""
+    truth = load_actuator("friend-2")
+    draws = np.random.default_rng(SEED).standard_normal((41, rows + 800))
+    noise = 1e-4 * lfilter([np.sqrt(0.19)], [1.0, -0.9], draws)[:, 200:]
+
+    def read(signal: str, duration: float, added: np.ndarray) -> Run:
+        clean = simulate(truth, signal, duration=duration, rate=20.0)
+        assert clean.current is not None
+        return Run.from_arrays(
+            time=clean.time, voltage=clean.voltage, current=clean.current + added[: len(clean)], hold=clean.hold
+        )
+
+    fit = identify(truth, read("square 1 V 0.1 Hz", 30.0, noise[-1]))
+    waits = f"square 1 V 0.1 Hz delay={rows / 20.0} s"
+    taken = ["current" in validate(fit, read(waits, rows / 20.0 + 10.0, one)).runs[0].zeros for one in noise[:-1]]
+    assert sum(taken) <= 0.1 * len(taken)
+
+
+def test_a_run_that_asks_for_a_stage_the_model_lacks_contradicts_its_band(actuator: Actuator) -> None:
+    """A leak that 1 V does not show: what the fit leaves is noise, and it predicts 2 V to a fit of 70 %."""
+    rng = np.random.default_rng(SEED)
+
+    def read(strip: Actuator, signal: str) -> Run:
+        clean = simulate(strip, signal, duration=30.0, rate=RATE)
+        assert clean.current is not None
+        current = clean.current + rng.normal(0, 1e-4, len(clean))
+        return Run.from_arrays(time=clean.time, voltage=clean.voltage, current=current, hold=clean.hold)
+
+    leaking = load_actuator("friend-2+leak.cubic").replace(**{"leak.cubic.cubic": 15.0})
+    for strip, expected in ((leaking, ["current"]), (actuator, [])):
+        known = read(strip, "step 1 V delay=2 s")
+        fit = identify(actuator, known)
+        assert "stage-missing" not in {finding.code for finding in fit.findings}
+        outcome = validate(fit, [known, read(strip, "step 2 V delay=1 s"), read(strip, "sine 0.5 V 0.2 Hz")])
+        said = [finding for finding in outcome.findings if finding.code == "outside-band"]
+        assert [finding.channel for finding in said] == expected
+        assert (outcome.runs[1].scores["current"].fit_percent or 0.0) > 70.0
+        for finding in said:
+            assert finding.message.startswith(f"{outcome.runs[1].label}: the current lies farther")
+            assert (finding.values["times"] or 0.0) > 5.0
 
 
 def test_no_zero_is_invented_when_the_record_begins_with_the_edge(actuator: Actuator) -> None:
@@ -285,7 +345,7 @@ def test_a_real_record_is_scored_without_its_missing_contact(actuator: Actuator,
 def test_every_finding_of_a_validation_is_explained_in_the_documentation() -> None:
     root = Path(__file__).parents[2]
     source = (root / "src/ipmclab/prediction/validate.py").read_text("utf-8")
-    for name in ("open_coupling", "said_of_run"):
+    for name in ("open_coupling", "said_of_run", "outside_band"):
         source += (root / f"src/ipmclab/prediction/{name}.py").read_text("utf-8")
     codes = set(re.findall(r'Finding\(\s*"([a-z-]+)"', source))
     assert {"used-in-fit", "zero-taken-off"} <= codes

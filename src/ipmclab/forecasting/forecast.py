@@ -10,7 +10,7 @@ from ipmclab.errors import InputError
 from ipmclab.fit.fit import Fit
 from ipmclab.forecasting.doubts import reach_finding, table_without
 from ipmclab.forecasting.forecast_values import Forecast, known_channel
-from ipmclab.forecasting.forecasters import HORIZONS, LEARNT, Forecaster, Line, SlowAnswer, judge, past_origins
+from ipmclab.forecasting.forecasters import HORIZONS, LEARNT, Forecaster, Line, SlowAnswer, judge, past_origins, shown
 from ipmclab.forecasting.past import SETTLE, Past, is_number, read_past
 from ipmclab.forecasting.stacking import LEADS, half_width, weigh
 from ipmclab.model import Actuator
@@ -78,7 +78,8 @@ def forecast(
     the horizon it stays as it was. Several simple forecasts are weighed by how they missed earlier in the same record
     (``forecasting.stacking`` has the mathematics): the last value stays, the last 5 s continue as a straight line, the
     slow answer to the voltage continues as it was learnt, and the actuator's response with it. What the plan changes is
-    added as the actuator answers it, or, without one, as the slow answer does.
+    what these say of it where the voltage moved as far before, else what the actuator answers, or, without one, the
+    slow answer.
 
     Parameters
     ----------
@@ -123,13 +124,19 @@ def forecast(
         raise _too_soon(past, horizon)
     slow = SlowAnswer(past, origins)
     forecasters: dict[str, Forecaster] = {"line": Line(past, origins), "slow answer": slow}
+    plans = [np.zeros(len(past.ahead)), slow.planned()]
     if past.response is not None:
-        forecasters["actuator"] = SlowAnswer(past, origins, past.response)
+        forecasters["actuator"] = answered = SlowAnswer(past, origins, past.response)
+        plans.append(answered.planned() + past.response_to_plan)
     pairs = judge(past, origins, list(forecasters.values()), horizon)
     if len(pairs.lead) < FEWEST_ORIGINS:
         raise _too_soon(past, horizon)
     weights = weigh(pairs)
-    plan = slow.planned() if past.response is None else past.response_to_plan
+    # Where the voltage moved in the past, the weights are those of what each said of that; where it always stayed no
+    # miss shows what a move does.
+    known = shown(past, origins, horizon)
+    in_full = plans[1] if past.response is None else past.response_to_plan
+    plan = known * (np.column_stack(plans) @ weights) + (1.0 - known) * in_full
     moves = np.column_stack([one.ahead() for one in forecasters.values()]) @ weights
     mean = past.readings[past.now] + moves + plan
     half = half_width(pairs, weights, past.leads, level)

@@ -56,9 +56,27 @@ def past_origins(past: Past, horizon: float) -> IntArray:
     return np.arange(past.now, oldest - 1, -stride, dtype=np.intp)[::-1]
 
 
+def _lead_steps(past: Past, horizon: float) -> IntArray:
+    return np.unique([max(1, round(horizon * part / LEADS / past.step)) for part in range(1, LEADS + 1)])
+
+
+def shown(past: Past, origins: IntArray, horizon: float) -> float:
+    """The part of the plan that past misses show: how far the voltage moved from a past origin, over how far it will.
+
+    Mean squares of what it moves by within the leads; 1 where it moved as far from one of them, 0 where it always
+    stayed.
+    """
+    leads, volts = _lead_steps(past, horizon), past.planned
+    later = origins[:, None] + leads
+    came = np.where(later <= past.now, volts[np.minimum(later, past.now)] - volts[origins][:, None], 0.0)
+    comes = volts[np.minimum(past.now + leads, len(volts) - 1)] - volts[past.now]
+    plan = float(np.mean(comes**2))
+    return min(float(np.max(np.mean(came**2, axis=1), initial=0.0)) / plan, 1.0) if plan > 0.0 else 0.0
+
+
 def judge(past: Past, origins: IntArray, forecasters: Sequence[Forecaster], horizon: float) -> Pairs:
     """What forecasters said from past origins, and what came."""
-    steps = np.unique([max(1, round(horizon * part / LEADS / past.step)) for part in range(1, LEADS + 1)])
+    steps = _lead_steps(past, horizon)
     stride = past.step * float(origins[1] - origins[0]) if len(origins) > 1 else past.step
     leads, counts, said, came = [], [], [], []
     for later in steps:

@@ -2,36 +2,73 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
 
+from ipmclab.fit.fit import Fit
 from ipmclab.identification.problem.free_run import predict
 from ipmclab.identification.problem.record import LONGEST_DELAY, PreparedRun, rest_rows
 from ipmclab.model import Actuator
+from ipmclab.quality.noise import variance_for_means
 from ipmclab.run import FloatArray
 
 _FEWEST_AT_REST: Final = 5  # readings, whose mean and scatter say whether a sensor reads zero (convention)
 _SURELY: Final = 3.0  # standard errors of a mean reading (convention)
 
 
-def sensor_zero(record: PreparedRun, output: str) -> float:
-    """What a sensor reads of a strip at rest: the mean reading before the voltage first moves.
+def sensor_zeros(
+    model: Actuator, record: PreparedRun, outputs: Sequence[str], fit: Fit | None = None
+) -> dict[str, float]:
+    """What sensors read of a strip at rest: the mean of the readings before the voltage moves, less the answer there.
 
-    0 where that mean is within the noise, or where fewer than five readings show it: taking
-    off a mean of noise would only add its error to every reading.
+    A voltage that begins slowly moves the strip before it counts as on, and that is no zero. One is taken off where it
+    is surely no mean of noise, which would only add its error to every reading: neither of the noise that these rows
+    show, nor of that which the fit knows. Rows that are few beside the time in which a noise changes show little of it.
+
+    Parameters
+    ----------
+    model : Actuator
+    record : PreparedRun
+    outputs : sequence of str
+    fit : Fit, optional
+        That the actuator comes from.
+
+    Returns
+    -------
+    zeros : dict of output to float [SI]
+        0 where the mean is within the noise, or where fewer than five readings show it.
     """
     # Channels of a foreign record may lead its voltage by a few rows.
     rows = rest_rows(record.run) - (LONGEST_DELAY if record.delay_is_free else 0)
-    if rows < _FEWEST_AT_REST or rows >= len(record.run) - 1:
-        return 0.0
-    reading = record.readings[output]
-    before = reading.values[:rows][reading.exact[:rows]]
+    if not outputs or rows < _FEWEST_AT_REST or rows >= len(record.run) - 1:
+        return dict.fromkeys(outputs, 0.0)
+    answers = np.zeros((len(outputs), rows))
+    if np.any(record.run.voltage[:rows]):
+        answers = np.asarray(predict(model, record, outputs, 0.0))[:, :rows]
+    found = {}
+    for output, answer in zip(outputs, answers, strict=True):
+        reading = record.readings[output]
+        kept = reading.exact[:rows]
+        found[output] = _zero_of((reading.values[:rows] - answer)[kept], record.run.time[:rows][kept], fit, output)
+    return found
+
+
+def _zero_of(before: FloatArray, time: FloatArray, fit: Fit | None, output: str) -> float:
+    """The mean of readings of a strip at rest; 0 where it could be one of noise."""
     if len(before) < _FEWEST_AT_REST:
         return 0.0
-    mean, error = float(before.mean()), float(before.std(ddof=1)) / np.sqrt(len(before))
-    return mean if abs(mean) > _SURELY * error else 0.0
+    mean = float(before.mean())
+    variances = [variance_for_means(before - mean, 1) / len(before)]
+    for one in () if fit is None else fit.observations:
+        if (noise := one.noise_model.get(output)) is not None:
+            variance = noise.variance_of_mean(time)
+            about = float(np.mean(noise.deviation(time - time[0]) ** 2)) - variance
+            # What a model lacks is in its noise, too, but not in these rows: where they scatter less, so do means.
+            variances.append(variance * min(float(before.var()) / about, 1.0) if about > 0.0 else variance)
+    return mean if abs(mean) > _SURELY * math.sqrt(max(variances)) else 0.0
 
 
 def edge_delay(

@@ -31,8 +31,9 @@ from ipmclab.model.validity import validity
 from ipmclab.prediction.bands_of_run import another_mounting, band_of_run, longer_than_fit, own_mounting, place_in
 from ipmclab.prediction.in_state import environment_of_run, state_in
 from ipmclab.prediction.open_coupling import open_coupling
+from ipmclab.prediction.outside_band import outside_band
 from ipmclab.prediction.own_of_mounting import own_of_mounting
-from ipmclab.prediction.read_off import edge_delay, sensor_zero
+from ipmclab.prediction.read_off import edge_delay, sensor_zeros
 from ipmclab.prediction.run_validation import RunValidation
 from ipmclab.prediction.said_of_run import said_of_run
 from ipmclab.prediction.scores import Comparison, Score, score
@@ -169,6 +170,7 @@ def validate(actuator: Actuator | Fit, runs: Sequence[Run] | Run, *, used: Itera
             findings += another_mounting(fit, run, label)
             findings += longer_than_fit(fit, run, label)
         findings += [] if one.used_in_fit else environment_of_run(fit, actuator, run, label)
+    findings += outside_band(done)
     pooled = {
         output: _pooled(output, [(place, one) for place, one in enumerate(done) if output in one.comparisons])
         for output in READ_OUTPUTS
@@ -238,7 +240,7 @@ def _validate_run(
     there = model if state is None else strip_in_state(model, state, rates_of(fit))
     moving = {finding.channel for finding in found if finding.code == "not-at-rest"}  # which is no zero of a sensor
     still = [name for name in outputs if name not in moving]
-    found_zeros = {**{name: sensor_zero(record, name) for name in still}, **zeros_of_fit(fitted or {})}
+    found_zeros = {**sensor_zeros(there, record, still, fit), **zeros_of_fit(fitted or {})}
     zeros = {name: found_zeros[name] for name in outputs if found_zeros.get(name)}
     drifts, start = (fitted or {}).get("drift", {}), (fitted or {}).get("initial_state", {})
     since = run.time - run.time[0]

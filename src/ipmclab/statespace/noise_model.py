@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ipmclab.statespace.shape import Shape, spread_by
 from ipmclab.statespace.terms import Terms, autoregression
 
 FloatArray = npt.NDArray[np.float64]
@@ -94,6 +95,28 @@ class NoiseModel:
     def deviation(self, time: FloatArray) -> FloatArray:
         """Standard deviation [SI] at times after the start of a run [s], offset and trend being known."""
         return np.asarray(np.sqrt(self.stationary + self.walk**2 * np.maximum(time, 0.0)))
+
+    def variance_of_mean(self, time: FloatArray) -> float:
+        """Variance of the mean of readings at some times [SI^2], offset and trend being known.
+
+        Readings within one step of the model count as one.
+
+        Parameters
+        ----------
+        time : float array, shape (n,) [s]
+            Ascending.
+
+        Examples
+        --------
+        >>> noise = NoiseModel(step=0.1, driven=1.0, coefficients=(0.9,))
+        >>> long = np.arange(20000) / 10.0
+        >>> round(20000 * noise.variance_of_mean(long) * (1.0 - 0.9) ** 2, 2)
+        1.0
+        """
+        places = np.rint((time - time[0]) / self.step).astype(np.int64)
+        shares = np.bincount(places) / len(time)
+        shape = Shape(self.terms, self.entries, self.driven**2)
+        return float(spread_by(shares[:, None], np.ones(len(shares), dtype=np.int64), shape)[0, 0])
 
 
 def _partials(coefficients: FloatArray) -> FloatArray:

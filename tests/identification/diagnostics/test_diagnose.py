@@ -107,6 +107,80 @@ def test_noise_that_hangs_together_is_no_missing_stage() -> None:
             assert max(map(abs, one.whitened)) < 4.0 * one.band
 
 
+def both_outputs(signal: str, generator: np.random.Generator, strip: Actuator = FRIEND, motion: float = 4e-6) -> Run:
+    """Current and displacement of the strip, each under an autoregression of its own."""
+    clean = simulate(strip, signal, duration=30.0, rate=25.0)
+    noise = [lfilter([0.3], [1.0, -0.95], generator.standard_normal(len(clean) + 200))[200:] for _ in range(2)]
+    assert clean.current is not None
+    assert clean.displacement is not None
+    return Run.from_arrays(
+        time=clean.time,
+        voltage=clean.voltage,
+        current=clean.current + 1e-4 * noise[0],
+        displacement=clean.displacement + motion * noise[1],
+    )
+
+
+@pytest.fixture(scope="module")
+def of_both() -> Fit:
+    return identify(
+        FRIEND, both_outputs("square 1 V 0.1 Hz", np.random.default_rng(SEED)), free=["electrical", "coupling"]
+    )
+
+
+def test_the_noise_of_one_output_is_no_stage_that_the_other_misses(of_both: Fit) -> None:
+    """Both share the circuit: a displacement whose noise counted as white would hold it where that noise has put it."""
+    generator = np.random.default_rng(SEED)
+    others = [both_outputs(signal, generator) for signal in ("step 1 V delay=1 s", "square 1 V 0.1 Hz")]
+    for fit in (of_both, *(identify(FRIEND, run, free=["electrical", "coupling"]) for run in others)):
+        assert [one.verdict for one in fit.diagnoses] == ["autocorrelated", "autocorrelated"]
+        assert not codes(fit) & {"stage-missing", "model-incomplete"}
+
+
+def test_what_one_output_shows_of_a_stage_counts_once() -> None:
+    """A displacement that adds nothing about the current adds no evidence, autocorrelated though it is."""
+    strip = with_stages(FRIEND, "branches=3").replace(
+        **{"circuit.branches.2.resistivity": 30.0, "circuit.branches.2.permittivity": 0.04}
+    )
+    run = both_outputs("step 5 V delay=1 s", np.random.default_rng(SEED), strip, 2e-4)
+    alone, both = (identify(FRIEND, run, free=free) for free in ("electrical", ["electrical", "coupling"]))
+    evidence = [
+        finding.values["evidence"]
+        for fit in (alone, both)
+        for finding in fit.findings
+        if finding.code == "stage-missing"
+    ]
+    assert len(evidence) == 2
+    assert evidence[1] == pytest.approx(evidence[0], rel=0.25)
+
+
+def test_what_the_voltage_explains_is_weighed_by_the_noise_of_both_outputs(of_both: Fit) -> None:
+    """Against generalised least squares by NumPy, with the covariances of both noises in full."""
+    assert of_both.estimate is not None
+    left = Left.of(of_both.estimate, "current")
+    shapes = {**left.shapes, **{piece.key: shape for piece, shape in left.beside.items()}}
+    assert {key[1] for key in shapes} == {"current", "displacement"}
+    added = of_voltage(left.problem, left.theta, "current")
+    rows = np.column_stack([left.here.jacobian, added.T])
+    constants, root = [], np.eye(len(left.here.residual))
+    for (place, output), shape in shapes.items():
+        piece = left.problem.pieces[place, output]
+        time = left.problem.records[place].run.time
+        wandered = float(np.tanh(shape.entries[0])) ** np.abs(np.subtract.outer(range(len(time)), range(len(time))))
+        root[piece, piece] = np.linalg.inv(
+            np.linalg.cholesky(shape.variance / (1.0 - np.tanh(shape.entries[0]) ** 2) * wandered)
+        )
+        some = [np.ones(len(time))] * shape.terms.offset + [time - time.mean()] * shape.terms.trend
+        constants += [np.bincount(np.arange(piece.start, piece.stop), one, len(root)) for one in some]
+    squares = []
+    for columns in (rows[:, : -len(added)], rows):
+        wide = root @ np.column_stack([columns, *constants])
+        wide = wide / np.maximum(np.linalg.norm(wide, axis=0), 1e-300)
+        answer = np.linalg.lstsq(wide, root @ left.here.residual, rcond=1e-9)[0]
+        squares.append(float(np.sum((root @ left.here.residual - wide @ answer) ** 2)))
+    assert left.evidence(added).together(left.shapes) == pytest.approx(squares[0] - squares[1], rel=0.02, abs=0.05)
+
+
 # --- the stage that is missing ---------------------------------------------------------------------------------------
 
 

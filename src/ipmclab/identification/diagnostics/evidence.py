@@ -23,7 +23,7 @@ from ipmclab.statespace.shape import Shape
 
 
 class Evidence:
-    """The readings of one output, the directions in which a fit can move, and some that it cannot.
+    """The readings of some outputs, the directions in which a fit can move, and some that it cannot.
 
     Parameters
     ----------
@@ -32,15 +32,27 @@ class Evidence:
     here : Evaluation
         Of it.
     pieces : sequence of Piece
-        The output in every run that has it.
+        The outputs in every run that has them.
     added : float array, shape (n_added, n_residual)
         Changes of the weighted residuals that the fit has no unknown for.
+    beside : mapping of Piece to Shape
+        All other outputs whose noise is not white, and that noise, which stays. They share parameters with these: were
+        they taken as white, they would hold a parameter where their noise has put it, and what these then leave would
+        look like something that the model lacks.
     """
 
-    def __init__(self, problem: Problem, here: Evaluation, pieces: Sequence[Piece], added: FloatArray) -> None:
+    def __init__(
+        self,
+        problem: Problem,
+        here: Evaluation,
+        pieces: Sequence[Piece],
+        added: FloatArray,
+        beside: Mapping[Piece, Shape],
+    ) -> None:
         size = np.sqrt((added * added).sum(axis=1))
         self.lengths = np.where(size > 0.0, size, 1.0)
-        self.system = System(problem, here, pieces, added / self.lengths[:, None])
+        system = System(problem, here, [*pieces, *beside], added / self.lengths[:, None])
+        self.system = system.given({piece.key: shape for piece, shape in beside.items()})
         self.first, self.count = self.system.directions.shape[1], len(added)
 
     def alone(self, shapes: Mapping[Key, Shape]) -> tuple[FloatArray, FloatArray]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence, Set
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Final
 
@@ -48,6 +48,8 @@ class Left:
         The noise of each.
     coloured_in : set of int
         Places of the runs in which it is autocorrelated.
+    beside : mapping of Piece to Shape
+        The noise of the other outputs, where it is not white.
     """
 
     output: str
@@ -57,6 +59,7 @@ class Left:
     pieces: tuple[Piece, ...]
     shapes: Mapping[Key, Shape]
     coloured_in: Set[int]
+    beside: Mapping[Piece, Shape] = field(default_factory=dict)
 
     @classmethod
     def of(cls, estimate: Estimate, output: str) -> Left:
@@ -77,9 +80,12 @@ class Left:
         )
         white = Shape(Terms(), np.zeros(0), 1.0)
         shapes = {piece.key: white for piece in pieces}
-        for key in shapes.keys() & correlated.shapes.keys():
-            unit, shape = correlated.problem.noise[key] / problem.noise[key], correlated.shapes[key]
-            shapes[key] = replace(shape, variance=unit**2 * shape.variance)
+        found = {}
+        for key, shape in correlated.shapes.items():
+            unit = correlated.problem.noise[key] / problem.noise[key]
+            found[key] = replace(shape, variance=unit**2 * shape.variance)
+        shapes |= {key: shape for key, shape in found.items() if key in shapes}
+        beside = {known[key]: shape for key, shape in found.items() if key[1] != output}
         coloured = frozenset(
             key[0]
             for key, shape in shapes.items()
@@ -88,9 +94,9 @@ class Left:
         )
         if coloured and all(shape.terms.is_white for shape in shapes.values()):
             # No noise was found: here the model is what is doubted.
-            system = System(problem, here, pieces)
+            system = System(problem, here, [*pieces, *beside]).given({one.key: shape for one, shape in beside.items()})
             shapes = with_constants(system, choose_noise(system))
-        return cls(output, problem, solution.theta, here, pieces, _drifting(pieces, shapes), coloured)
+        return cls(output, problem, solution.theta, here, pieces, _drifting(pieces, shapes), coloured, beside)
 
     @property
     def noise(self) -> float:
@@ -128,15 +134,7 @@ class Left:
 
     def evidence(self, added: FloatArray) -> Evidence:
         """Of changes that the model does not know."""
-        return Evidence(self.problem, self.here, self.pieces, added)
-
-    def deviance(self, problem: Problem | None = None, here: Evaluation | None = None) -> float:
-        """Minus twice the log likelihood of this output under the likeliest noise; of this fit, or of another."""
-        problem, here = problem or self.problem, here or self.here
-        nothing = np.zeros((0, here.rows.shape[1]))
-        # What that fit may move by itself is no constant of its noise.
-        pieces = [piece.among(problem.unknowns) for piece in self.pieces]
-        return Evidence(problem, here, pieces, nothing).deviance([], _drifting(pieces, self.shapes))[0]
+        return Evidence(self.problem, self.here, self.pieces, added, self.beside)
 
     @cached_property
     def follows(self) -> bool:
@@ -167,6 +165,26 @@ class Left:
         without, _ = evidence.deviance([], self.shapes)
         with_all, _ = evidence.deviance(range(len(ways)), self.shapes)
         return float(chdtrc(len(ways), max(without - with_all, 0.0)))
+
+
+def deviance(doubted: Sequence[Left], problem: Problem, here: Evaluation) -> float:
+    """Minus twice the log likelihood of some outputs together under the likeliest noise, that of all others as it is.
+
+    Parameters
+    ----------
+    doubted : sequence of Left
+        Of one fit.
+    problem : Problem
+        Of that fit, or of another one to the same readings.
+    here : Evaluation
+        Of it.
+    """
+    nothing = np.zeros((0, here.rows.shape[1]))
+    # What that fit may move by itself is no constant of its noise.
+    pieces = [piece.among(problem.unknowns) for left in doubted for piece in left.pieces]
+    shapes = {key: shape for left in doubted for key, shape in left.shapes.items()}
+    beside = {piece: shape for piece, shape in doubted[0].beside.items() if piece.key not in shapes}
+    return Evidence(problem, here, pieces, nothing, beside).deviance([], _drifting(pieces, shapes))[0]
 
 
 def _drifting(pieces: Sequence[Piece], shapes: Mapping[Key, Shape]) -> dict[Key, Shape]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from ipmclab.identification.diagnostics.extend import Extended, afresh, from_here
-from ipmclab.identification.diagnostics.left import Left
+from ipmclab.identification.diagnostics.left import Left, deviance
 from ipmclab.identification.diagnostics.score_directions import along_directions, score_directions
 from ipmclab.identification.problem.free import FreeParameters
 from ipmclab.identification.problem.record import as_read
@@ -66,7 +66,7 @@ def tried_stages(actuator: Actuator, names: FreeParameters, every: Sequence[Left
         extended = from_here(problem, theta, strip, direction, size if direction.both_ways else max(size, _AT_LEAST))
         if extended is not None:
             found[name] = extended
-    own = sum(left.deviance() for left in doubted)
+    own = deviance(doubted, problem, doubted[0].here)
     tried = {name: _judged(name, one, doubted, own) for name, one in found.items()}
     if any(left.is_large(problem, left.here) for left in doubted):
         # So far from the readings that a little of a stage is no guide: each from what the readings themselves show.
@@ -103,7 +103,7 @@ def _judged(name: str, extended: Extended, doubted: Sequence[Left], own: float) 
     """What a stage would explain of what is left; ``own`` is the deviance of the fit as it is."""
     problem, here = extended[0], extended[1].evaluation
     added = len(problem.unknowns) - len(doubted[0].problem.unknowns)
-    gain = own - sum(left.deviance(problem, here) for left in doubted)
+    gain = own - deviance(doubted, problem, here)
     shares = {}
     for left in doubted:
         squares = left.squares(left.problem, left.here)
