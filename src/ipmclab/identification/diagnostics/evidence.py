@@ -36,9 +36,8 @@ class Evidence:
     added : float array, shape (n_added, n_residual)
         Changes of the weighted residuals that the fit has no unknown for.
     beside : mapping of Piece to Shape
-        All other outputs whose noise is not white, and that noise, which stays. They share parameters with these: were
-        they taken as white, they would hold a parameter where their noise has put it, and what these then leave would
-        look like something that the model lacks.
+        All other outputs whose noise is not white, which stays: as white ones they would hold the parameters that
+        they share with these where that noise has put them.
     """
 
     def __init__(
@@ -51,8 +50,7 @@ class Evidence:
     ) -> None:
         size = np.sqrt((added * added).sum(axis=1))
         self.lengths = np.where(size > 0.0, size, 1.0)
-        system = System(problem, here, [*pieces, *beside], added / self.lengths[:, None])
-        self.system = system.given({piece.key: shape for piece, shape in beside.items()})
+        self.system = System(problem, here, [*pieces, *beside], added / self.lengths[:, None]).given(beside)
         self.first, self.count = self.system.directions.shape[1], len(added)
 
     def alone(self, shapes: Mapping[Key, Shape]) -> tuple[FloatArray, FloatArray]:

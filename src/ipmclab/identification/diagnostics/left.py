@@ -79,12 +79,11 @@ class Left:
             known.get((record.place, output)) or Piece.of(record, output, problem.unknowns) for record in records
         )
         white = Shape(Terms(), np.zeros(0), 1.0)
-        shapes = {piece.key: white for piece in pieces}
         found = {}
         for key, shape in correlated.shapes.items():
             unit = correlated.problem.noise[key] / problem.noise[key]
             found[key] = replace(shape, variance=unit**2 * shape.variance)
-        shapes |= {key: shape for key, shape in found.items() if key in shapes}
+        shapes = {piece.key: found.get(piece.key, white) for piece in pieces}
         beside = {known[key]: shape for key, shape in found.items() if key[1] != output}
         coloured = frozenset(
             key[0]
@@ -94,7 +93,7 @@ class Left:
         )
         if coloured and all(shape.terms.is_white for shape in shapes.values()):
             # No noise was found: here the model is what is doubted.
-            system = System(problem, here, [*pieces, *beside]).given({one.key: shape for one, shape in beside.items()})
+            system = System(problem, here, [*pieces, *beside]).given(beside)
             shapes = with_constants(system, choose_noise(system))
         return cls(output, problem, solution.theta, here, pieces, _drifting(pieces, shapes), coloured, beside)
 

@@ -121,14 +121,12 @@ class System:
         }
         return fewer
 
-    def given(self, shapes: Mapping[Key, Shape]) -> System:
+    def given(self, shapes: Mapping[Piece, Shape]) -> System:
         """The same where the noise of some pieces is known: they belong to all else, under that noise."""
-        if not shapes:
-            return self
-        fewer = copy.copy(self)
-        fewer.rest = self.others({key: self.part(key, shape) for key, shape in shapes.items()}, None)
-        fewer.pieces = {key: piece for key, piece in self.pieces.items() if key not in shapes}
-        fewer.columns = {key: columns for key, columns in self.columns.items() if key not in shapes}
+        fewer, known = copy.copy(self), {piece.key for piece in shapes}
+        fewer.rest = self.rest + sum(self.part(piece.key, shape) for piece, shape in shapes.items())
+        fewer.pieces = {key: piece for key, piece in self.pieces.items() if key not in known}
+        fewer.columns = {key: columns for key, columns in self.columns.items() if key not in known}
         return fewer
 
     def part(self, key: Key, shape: Shape) -> FloatArray:
@@ -136,8 +134,8 @@ class System:
         every, _ = self.columns[key].products(shape.terms, shape.entries)
         return without(every, shape.terms)[0] / shape.variance
 
-    def others(self, parts: Mapping[Key, FloatArray], key: Key | None) -> FloatArray:
-        """What all readings but those of one piece, or of none, add."""
+    def others(self, parts: Mapping[Key, FloatArray], key: Key) -> FloatArray:
+        """What all readings but those of one piece add."""
         return self.rest + sum(part for other, part in parts.items() if other != key)
 
 

@@ -70,10 +70,8 @@ def _of_output(correlated: Correlated, model: Actuator, order: Order, output: st
     readings = _readings(correlated, output, constants, spread)
     if readings is None or not most > 0.0:
         return None
-    triangle, directions, measured = readings
-    known = directions.shape[1]
-    left, missed = triangle[known:, known:-1], triangle[known:, -1]
-    values, vectors = np.linalg.eigh(_moments(left, missed, most, max(measured - known, 1)))
+    (triangle, directions, measured), known = readings, readings[1].shape[1]
+    values, vectors = np.linalg.eigh(_moments(triangle[known:, known:-1], triangle[known:, -1], most, measured - known))
     kept = values > _NEGLIGIBLE * values.sum()
     if not kept.any() or not np.isfinite(values).all():
         return None
@@ -85,8 +83,8 @@ def _of_output(correlated: Correlated, model: Actuator, order: Order, output: st
         order(unknown.name): tuple((unknown.chain(unknown.value(float(theta[place]))) * entries[place]).tolist())
         for place, unknown in problem.asked
     }
-    amplitudes = (spread[:, None] * factors).T
-    return Unmodelled(tuple(constants.tolist()), tuple(map(tuple, amplitudes.tolist())), moved, seen)
+    amplitudes = tuple(map(tuple, (spread[:, None] * factors).T.tolist()))
+    return Unmodelled(tuple(constants.tolist()), amplitudes, moved, seen)
 
 
 def _moments(left: FloatArray, missed: FloatArray, most: float, freedom: int) -> FloatArray:
@@ -124,15 +122,10 @@ def _relaxes_by(model: Actuator, output: str, voltage: float, step: float, seen:
 def _readings(
     correlated: Correlated, output: str, constants: FloatArray, spread: FloatArray
 ) -> tuple[FloatArray, FloatArray, int] | None:
-    """All readings as independent rows of variance one, with the lags in those of one output.
+    """All readings as independent rows of variance one, with the lags in those of one output: a triangle of them.
 
-    Returns
-    -------
-    triangle : float array, shape (n_directions + n_lags + 1, n_directions + n_lags + 1)
-        What the parameters can imitate in front, lags, and last what the model missed.
-    directions : float array, shape (n_unknown, n_directions)
-    measured : int
-        Readings, bounds not counted.
+    In it stand the directions of the parameters, the lags, and last what the model missed; with it come these
+    directions, shape (n_unknown, n_directions), and how many readings are measured.
     """
     problem, here = correlated.problem, correlated.solution.evaluation
     directions = directions_of(here)
@@ -147,8 +140,7 @@ def _readings(
             own[known:-1] = lags[:, reading.used] / problem.noise[key]
             driven += int(np.sum(inside & (np.flatnonzero(reading.used) >= record.resting)))
         if key in correlated.shapes and not correlated.is_weighted:
-            plain = correlated.plain.rows[:, piece]
-            own[:known], own[-1] = directions.T @ plain[:-1], plain[-1]
+            own[:known], own[-1] = directions.T @ correlated.plain.rows[:-1, piece], correlated.plain.rows[-1, piece]
             own[:] = correlated.white(key, own)
         else:
             own[known:-1] = problem.whitened(key, own[known:-1])
@@ -157,11 +149,7 @@ def _readings(
                 return None  # readings that the model meets exactly
             own[:, inside] /= np.sqrt(variance)
         measured += int(inside.sum())
-    if driven <= known + 1:
+    if driven <= known + 1 or not np.isfinite(rows).all():
         return None
-    if not np.isfinite(rows).all():
-        return None
-    triangle = np.zeros((known + count + 1, known + count + 1))
-    found = np.linalg.qr(rows.T, mode="r")
-    triangle[: len(found)] = found
-    return triangle, directions, measured
+    size = known + count + 1
+    return np.asarray(np.linalg.qr(np.vstack([rows.T, np.zeros((size, size))]), mode="r")), directions, measured
