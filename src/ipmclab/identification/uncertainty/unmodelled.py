@@ -70,7 +70,8 @@ def _of_output(correlated: Correlated, model: Actuator, order: Order, output: st
     readings = _readings(correlated, output, constants, spread)
     if readings is None or not most > 0.0:
         return None
-    (triangle, directions, measured), known = readings, readings[1].shape[1]
+    triangle, directions, measured = readings
+    known = directions.shape[1]
     values, vectors = np.linalg.eigh(_moments(triangle[known:, known:-1], triangle[known:, -1], most, measured - known))
     kept = values > _NEGLIGIBLE * values.sum()
     if not kept.any() or not np.isfinite(values).all():
