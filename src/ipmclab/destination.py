@@ -49,7 +49,7 @@ def target_of(path: str | os.PathLike[str], *, overwrite: bool) -> Path:
         raise InputError("this is a folder", code="is-a-folder", where=str(path), repair="name a file in it")
     if not os.access(target.parent, os.W_OK | os.X_OK):
         raise InputError(
-            f"you may not write in the folder {str(Path(path).parent)!r}",
+            f"you may not write in the folder {str(target.parent)!r}",
             code="folder-closed",
             where=str(path),
             repair="ask for the right to write there, or write elsewhere",

@@ -89,8 +89,8 @@ def test_a_model_is_kept_as_a_fit_and_not_made_twice(tmp_path, monkeypatch):
         assert len(state.of("model")) == 2
         plan = {"event": "campaign", "title": "", "plan": []}
         assert f"displacement {model.scores['displacement']:.1f} %" in board_of([plan, *state.events]).models["strip-1"]
-        near = {"event": "model", "model": "strip-1", "sample": "strip-1", "failure": "", "scores": {"current": 99.5}}
-        assert board_of([plan, near]).models["strip-1"] == "current 99.5 %"  # 100 is perfect
+        near = {"event": "model", "model": "strip-1", "sample": "strip-1", "failure": "", "scores": {"current": 99.96}}
+        assert board_of([plan, near]).models["strip-1"] == "current 99.96 %"  # 100 is perfect
 
 
 def test_what_cannot_be_identified_is_said_and_not_tried_again(tmp_path, monkeypatch):

@@ -14,8 +14,10 @@ from ipmclab import Run, RunMetadata, identify, import_run, load_actuator, simul
 from ipmclab.errors import InputError
 from ipmclab.model import Actuator
 from ipmclab.model.outputs import simulate_outputs
+from ipmclab.model.variants import with_stages
 from ipmclab.prediction.open_coupling import open_coupling
 from ipmclab.prediction.validate import validate
+from ipmclab.statespace.noise_model import NoiseModel
 
 SEED = 20261121
 RATE = 50.0
@@ -119,6 +121,30 @@ def test_a_mean_of_autocorrelated_noise_is_rarely_a_zero(rows: int) -> None:
     waits = f"square 1 V 0.1 Hz delay={rows / 20.0} s"
     taken = ["current" in validate(fit, read(waits, rows / 20.0 + 10.0, one)).runs[0].zeros for one in noise[:-1]]
     assert sum(taken) <= 0.1 * len(taken)
+
+
+@pytest.mark.parametrize("rest", [0.5, 2.0])
+def test_what_a_model_lacks_hides_no_zero(rest: float) -> None:
+    """The noise of its fit is slow and large, where rows at rest show none of that: a zero of 1 mA stayed in."""
+    lacking = load_actuator("friend-2")
+    strip = with_stages(lacking, "branches=3")
+    strip = strip.replace(**{"circuit.branches.2.resistivity": 30.0, "circuit.branches.2.permittivity": 0.04})
+
+    def read(signal: str, waits: float, zero: float) -> Run:
+        clean = simulate(strip, f"{signal} delay={waits} s", duration=30.0, rate=50.0)
+        assert clean.current is not None
+        noise = np.random.default_rng(2).normal(0.0, 2e-5, len(clean))
+        return Run.from_arrays(time=clean.time, voltage=clean.voltage, current=clean.current + noise + zero)
+
+    fit = identify(lacking, read("step 2 V", 2.0, 0.0))
+    for zero in (1e-4, 1e-3):
+        assert validate(fit, read("step 1 V", rest, zero)).runs[0].zeros == {"current": pytest.approx(zero, abs=2e-5)}
+
+
+def test_a_pause_among_rows_at_rest_needs_no_grid_of_it() -> None:
+    noise = NoiseModel(step=1e-4, driven=1.0, coefficients=(0.9,))
+    time = np.append(np.arange(50) * 1e-4, 3600.0 + np.arange(50) * 1e-4)
+    assert noise.variance_of_mean(time) == pytest.approx(0.5 * noise.variance_of_mean(time[:50]), rel=1e-6)
 
 
 def test_a_run_that_asks_for_a_stage_the_model_lacks_contradicts_its_band(actuator: Actuator) -> None:

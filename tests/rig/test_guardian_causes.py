@@ -92,8 +92,7 @@ def test_only_what_was_late_since_the_last_beat_counts(guardian: Guardian, proce
     guardian.arm()
     clock.jumps(0.875)
     clock.let_it_wake()
-    clock.is_patient = False  # with a guardian that has nothing to say
-    guardian.beat()
+    guardian.beat()  # the guardian is asked, and has nothing to say
     acts(guardian, process, "zero")
     with pytest.raises(IpmclabError, match=CHASSIS):
         guardian.beat()

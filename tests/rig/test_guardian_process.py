@@ -222,12 +222,13 @@ def test_beats_do_not_keep_it_from_showing_that_it_lives(watched: Watching) -> N
 
 
 def test_who_asks_is_answered_after_all_that_was_said_before(watched: Watching) -> None:
-    """Whether it has acted or not; and it is a sign of life."""
-    seen = watched("ask 1", "arm 0.5", 0.45, "ask 2", 0.45, "ask 3", 9.0, "ask 4", "disarm", None)
+    """Whether it has acted or not. To ask is no beat: a recorder that failed may ask why, and has no more time."""
+    seen = watched("ask 1", "arm 0.5", 0.25, "ask 2", 0.25, "ask 3", 9.0, "ask 4", "disarm", None)
     assert seen.said == [
         "ready", "heard 1", "armed", "heard 2", "heard 3",
         "acted the recorder was silent for 0.5 s", "zero", "heard 4", "disarmed",
     ]  # fmt: skip
+    assert seen.when("acted") == [pytest.approx(0.5 + 0.03, abs=0.04)]
 
 
 def test_it_acts_when_the_recorder_has_been_silent_for_so_long(watched: Watching) -> None:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from ipmclab.campaign.state import as_begun
+from ipmclab.prediction.scores import fit_in_words
 
 
 @dataclass(frozen=True)
@@ -110,7 +111,7 @@ def board_of(events: Sequence[Mapping[str, Any]]) -> Board | None:
 def _models(events: Iterable[Mapping[str, Any]]) -> dict[str, str]:
     found: dict[str, list[str]] = {}
     for one in {one["model"]: one for one in events if one["event"] == "model"}.values():
-        scores = ", ".join(f"{name} {score:.1f} %" for name, score in one["scores"].items())
+        scores = ", ".join(f"{name} {fit_in_words(score)}" for name, score in one["scores"].items())
         found.setdefault(one["sample"], []).append(one["failure"] or scores or "no other run")
     return {sample: "; ".join(parts) for sample, parts in found.items()}
 

@@ -29,6 +29,7 @@ from ipmclab.model.stages.beam import YOUNGS_MODULUS
 from ipmclab.model.stages.circuit import SHEET
 from ipmclab.model.stages.leak import LEAK, Leak
 from ipmclab.platform import is_device
+from ipmclab.prediction.scores import fit_in_words
 from ipmclab.prediction.validate import Validation, validate
 from ipmclab.run import Run
 from ipmclab.signals import Step
@@ -128,7 +129,7 @@ class SampleModel:
         if self.choice is None or self.fit is None:
             return f"{self.sample}: no model: {self.failure}"
         what = "modulus" if self.choice.is_of_modulus else "model"
-        scores = ", ".join(f"{name} {score:.1f} %" for name, score in self.scores.items()) or "there are none"
+        scores = ", ".join(f"{name} {fit_in_words(score)}" for name, score in self.scores.items()) or "there are none"
         return f"{self.sample}: {what} from {label_of(self.choice.source)}; unseen runs: {scores}"
 
 

@@ -129,7 +129,7 @@ def propose_for_campaign(
     [[experiments]]
     name = "next-1"
     samples = ["friend-1"]
-    signals = ["triangle 1.5 V 0.2 Hz"]
+    signals = ["triangle 1 V 0.1 Hz"]
     duration = "10 s"
     """
     on_progress: OnProgress = asked.pop("on_progress", lambda _: None)

@@ -244,7 +244,7 @@ def compare(
     factors = chosen_factors(by)
     if isinstance(runs, (str, os.PathLike, Run)):
         raise InputError(
-            f"this is one {type(runs).__name__}, not a list of runs",
+            f"this is {'one run' if isinstance(runs, Run) else 'the name of one file'}, not a list of runs",
             code="not-runs",
             where="compare",
             repair="give a list: compare([run, ...])",

@@ -44,7 +44,7 @@ def outside_band(runs: Sequence[RunValidation]) -> list[Finding]:
         if times <= -float(ndtri(REJECT / (2 * len(asked)))):
             continue
         inside = one.scores[output].inside_band
-        share = "" if inside is None else f", {100.0 * inside:.0f} % of them inside the 95 % one"
+        share = "" if inside is None else f", {100.0 * inside:.0f} % of them inside its 95 % band"
         found.append(
             Finding(
                 "outside-band",

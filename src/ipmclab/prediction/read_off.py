@@ -9,13 +9,17 @@ from typing import Any, Final
 import numpy as np
 
 from ipmclab.fit.fit import Fit
+from ipmclab.identification.noise.at_rest import Resting
 from ipmclab.identification.problem.free_run import predict
 from ipmclab.identification.problem.record import LONGEST_DELAY, PreparedRun, rest_rows
 from ipmclab.model import Actuator
 from ipmclab.quality.noise import variance_for_means
 from ipmclab.run import FloatArray
+from ipmclab.statespace.noise_model import NoiseModel
+from ipmclab.statespace.shape import Shape
 
 _FEWEST_AT_REST: Final = 5  # readings, whose mean and scatter say whether a sensor reads zero (convention)
+_MOST_AT_REST: Final = 2000  # readings, the last of them: more would say no more of a zero (convention)
 _SURELY: Final = 3.0  # standard errors of a mean reading (convention)
 
 
@@ -51,8 +55,8 @@ def sensor_zeros(
     found = {}
     for output, answer in zip(outputs, answers, strict=True):
         reading = record.readings[output]
-        kept = reading.exact[:rows]
-        found[output] = _zero_of((reading.values[:rows] - answer)[kept], record.run.time[:rows][kept], fit, output)
+        kept = np.flatnonzero(reading.exact[:rows])[-_MOST_AT_REST:]
+        found[output] = _zero_of((reading.values[:rows] - answer)[kept], record.run.time[kept], fit, output)
     return found
 
 
@@ -63,12 +67,20 @@ def _zero_of(before: FloatArray, time: FloatArray, fit: Fit | None, output: str)
     mean = float(before.mean())
     variances = [variance_for_means(before - mean, 1) / len(before)]
     for one in () if fit is None else fit.observations:
-        if (noise := one.noise_model.get(output)) is not None:
-            variance = noise.variance_of_mean(time)
-            about = float(np.mean(noise.deviation(time - time[0]) ** 2)) - variance
-            # What a model lacks is in its noise, too, but not in these rows: where they scatter less, so do means.
-            variances.append(variance * min(float(before.var()) / about, 1.0) if about > 0.0 else variance)
+        noise = one.noise_model.get(output)
+        # What a model lacks is in its noise, too, but not in these rows: what is slow in it counts where they show it.
+        if noise is None or _resting(noise, time, before).likelier_with_slow <= 0.0:
+            continue
+        variance = noise.variance_of_mean(time)
+        about = float(np.mean(noise.deviation(time - time[0]) ** 2)) - variance
+        variances.append(variance * min(float(before.var()) / about, 1.0) if about > 0.0 else variance)
     return mean if abs(mean) > _SURELY * math.sqrt(max(variances)) else 0.0
+
+
+def _resting(noise: NoiseModel, time: FloatArray, left: FloatArray) -> Resting:
+    """The first reading of each step of a noise, and that noise."""
+    _, first = np.unique(np.rint((time - time[0]) / noise.step), return_index=True)
+    return Resting(Shape(noise.terms, noise.entries, noise.driven**2), left[first])
 
 
 def edge_delay(

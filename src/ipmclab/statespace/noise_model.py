@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -14,6 +14,8 @@ from ipmclab.statespace.shape import Shape, spread_by
 from ipmclab.statespace.terms import Terms, autoregression
 
 FloatArray = npt.NDArray[np.float64]
+
+_LONGEST_PAUSE: Final = 500  # steps between readings of a mean: a grid of all that pass by has no end (a limit)
 
 
 @dataclass(frozen=True)
@@ -99,7 +101,7 @@ class NoiseModel:
     def variance_of_mean(self, time: FloatArray) -> float:
         """Variance of the mean of readings at some times [SI^2], offset and trend being known.
 
-        Readings within one step of the model count as one.
+        Readings within one step of the model count as one, and a pause as no more than 500 steps.
 
         Parameters
         ----------
@@ -113,7 +115,8 @@ class NoiseModel:
         >>> round(20000 * noise.variance_of_mean(long) * (1.0 - 0.9) ** 2, 2)
         1.0
         """
-        places = np.rint((time - time[0]) / self.step).astype(np.int64)
+        steps = np.diff(np.rint((time - time[0]) / self.step).astype(np.int64), prepend=0)
+        places = np.cumsum(np.minimum(steps, _LONGEST_PAUSE))
         shares = np.bincount(places) / len(time)
         shape = Shape(self.terms, self.entries, self.driven**2)
         return float(spread_by(shares[:, None], np.ones(len(shares), dtype=np.int64), shape)[0, 0])

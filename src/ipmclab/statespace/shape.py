@@ -28,6 +28,11 @@ class Shape:
     entries: FloatArray
     variance: float
 
+    def about(self, constants: Terms) -> Shape:
+        """The same noise about the constants of some terms too."""
+        offset, trend = self.terms.offset or constants.offset, self.terms.trend or constants.trend
+        return replace(self, terms=replace(self.terms, offset=offset, trend=trend))
+
     def with_drift(self) -> Shape:
         """The same noise about an offset and a trend."""
         return replace(self, terms=replace(self.terms, offset=True, trend=True))

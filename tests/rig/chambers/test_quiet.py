@@ -8,6 +8,7 @@ import pytest
 
 from ipmclab.rig.chambers import line, registers
 from ipmclab.rig.chambers.deadline import Deadline
+from ipmclab.rig.chambers.dialogue import Dialogue
 from ipmclab.rig.chambers.line import Line
 from ipmclab.rig.chambers.registers import Registers
 
@@ -85,3 +86,24 @@ def test_a_line_that_never_falls_quiet_is_left_at_the_deadline(monkeypatch: pyte
     else:
         Registers("a chamber", lambda _: port)._quieten(port, 0.5, Deadline(6.0))
     assert clock.now == pytest.approx(106.0, abs=0.02)
+
+
+def test_a_text_line_that_was_not_listened_to_stays_lost(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A pause longer than all the time for listening: the next answer would be that to an earlier question."""
+    clock = Clock(held_up_at=3)
+    port = Port(clock, comes_at=5)
+    for module in (line, registers):
+        monkeypatch.setattr(module, "time", clock)
+    monkeypatch.setattr("ipmclab.rig.chambers.deadline.time", SimpleNamespace(monotonic=clock.monotonic))
+    dialogue = Dialogue(port, 0.3)
+    dialogue._lost = True
+    asked: list[str] = []
+
+    def ask(question: str, deadline: Deadline) -> str:
+        assert port.thrown_away == b"late"
+        asked.append(question)
+        return "23.0"
+
+    monkeypatch.setattr(port, "ask", ask)
+    assert dialogue.ask("TEMP?", float, Deadline(6.0)) == 23.0
+    assert asked == ["TEMP?"]

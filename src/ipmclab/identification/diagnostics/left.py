@@ -80,7 +80,7 @@ class Left:
         )
         white = Shape(Terms(), np.zeros(0), 1.0)
         found = {}
-        for key, shape in correlated.shapes.items():
+        for key, shape in correlated.about_zeros.items():
             unit = correlated.problem.noise[key] / problem.noise[key]
             found[key] = replace(shape, variance=unit**2 * shape.variance)
         shapes = {piece.key: found.get(piece.key, white) for piece in pieces}

@@ -90,6 +90,12 @@ class Correlated:
         """Of the sensors that have any beside the parameters of least squares."""
         return self.problem.zeros if isinstance(self.problem, DriftingProblem) else {}
 
+    @property
+    def about_zeros(self) -> dict[Key, Shape]:
+        """The noise, about the zeros and slopes that stand beside the parameters too."""
+        zeros = self.zeros
+        return {key: shape.about(zeros[key].terms) if key in zeros else shape for key, shape in self.shapes.items()}
+
     @cached_property
     def _constants(self) -> dict[Key, tuple[float, float]]:
         """Zero [SI] at the first row, and slope [SI/s], of the sensors that have any."""

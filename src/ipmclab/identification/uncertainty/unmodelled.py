@@ -29,7 +29,7 @@ from ipmclab.identification.noise.correlate import Correlated
 from ipmclab.identification.noise.pieces import directions_of
 from ipmclab.model import Actuator
 from ipmclab.model.order import Order
-from ipmclab.model.outputs import simulate_outputs
+from ipmclab.model.step_relaxation import step_relaxation
 from ipmclab.run import FloatArray
 
 _APART: Final = 10.0**0.5  # between neighbouring time constants: two to a decade imitate any between them (convention)
@@ -66,7 +66,7 @@ def _of_output(correlated: Correlated, model: Actuator, order: Order, output: st
     count = int(np.ceil(np.log(_LONGEST * seen / step) / np.log(_APART))) + 1
     constants: FloatArray = step * np.power(_APART, np.arange(count))
     spread = np.asarray(np.sqrt(np.log(_APART) * seen / constants), dtype=np.float64)
-    most = _relaxes_by(model, output, largest, step, seen)
+    most = step_relaxation(model, output, largest, step, seen)
     readings = _readings(correlated, output, constants, spread)
     if readings is None or not most > 0.0:
         return None
@@ -109,17 +109,6 @@ def _moments(left: FloatArray, missed: FloatArray, most: float, freedom: int) ->
     return np.asarray(along.T @ total @ along)
 
 
-def _relaxes_by(model: Actuator, output: str, voltage: float, step: float, seen: float) -> float:
-    """Root mean square, over logarithms of time, of how the answer to a step relaxes, as s counts it [SI/V]."""
-    # At these instants alone: every row of the fastest run, for as long as the longest one is, may be millions.
-    places = np.geomspace(step, seen, 8 * max(round(np.log2(seen / step)), 1))
-    time = np.append(0.0, places)
-    answer = simulate_outputs(model, time, np.full(len(time), voltage), "zero", outputs=[output])[0, 1:] / voltage
-    rates = np.diff(answer) / np.diff(np.log(places))
-    found = float(np.sqrt(np.mean(rates**2 * np.sqrt(places[1:] * places[:-1]) / seen)))
-    return found if np.isfinite(found) else 0.0
-
-
 def _readings(
     correlated: Correlated, output: str, constants: FloatArray, spread: FloatArray
 ) -> tuple[FloatArray, FloatArray, int] | None:
@@ -142,7 +131,7 @@ def _readings(
             driven += int(np.sum(inside & (np.flatnonzero(reading.used) >= record.resting)))
         if key in correlated.shapes and not correlated.is_weighted:
             own[:known], own[-1] = directions.T @ correlated.plain.rows[:-1, piece], correlated.plain.rows[-1, piece]
-            own[:] = correlated.white(key, own)
+            own[:] = correlated.pieces[key].whitening(correlated.about_zeros[key]).apply(own)
         else:
             own[known:-1] = problem.whitened(key, own[known:-1])
             variance = float(np.mean(own[-1, inside] ** 2)) if inside.any() else 1.0

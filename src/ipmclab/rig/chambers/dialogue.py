@@ -7,7 +7,7 @@ from typing import Final, TypeVar
 
 from ipmclab.rig.chambers.chamber import ChamberError
 from ipmclab.rig.chambers.deadline import Deadline
-from ipmclab.rig.chambers.line import LONGEST_QUIET, Line, garbled
+from ipmclab.rig.chambers.line import LONGEST_QUIET, Line, garbled, silent
 
 Meaning = TypeVar("Meaning")
 
@@ -118,7 +118,9 @@ class Dialogue:
         self.line.drop()
         # Where no answer is like no other, one that is late has to be waited for.
         quiet = min(LONGEST_QUIET if self._landmark is None else _QUIET, self._patience)
-        self.line.quieten(quiet, deadline.within(2.0 * self._patience))
+        is_quiet = self.line.quieten(quiet, deadline.within(2.0 * self._patience))
+        if self._landmark is None and not is_quiet:
+            raise silent(self.where, "nobody knows what its next answer would be to")
         if self._landmark is not None:
             question, is_answer = self._landmark
             deadline = deadline.within(self._patience)

@@ -181,8 +181,8 @@ class Line(ABC):
         except UnicodeDecodeError as error:
             raise garbled(self.where, answer) from error
 
-    def quieten(self, quiet: float, deadline: Deadline) -> None:
-        """Throw away what comes, until nothing has come for so long [s]. Raises ChamberError."""
+    def quieten(self, quiet: float, deadline: Deadline) -> bool:
+        """Throw away what comes, until nothing has come for so long [s]; whether that was so. Raises ChamberError."""
         self._open(deadline)
         left = Quiet(quiet)
         try:
@@ -192,6 +192,7 @@ class Line(ABC):
         except OSError as error:
             self.drop()
             raise unreachable(self.where, error) from error
+        return left.lasted
 
     @abstractmethod
     def drop(self) -> None:

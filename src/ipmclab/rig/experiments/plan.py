@@ -335,7 +335,7 @@ def _current_remarks(experiment: Experiment, rig: Rig, limits: Limits, actuator:
         ended = _ended(run.voltage, run.current.clip(low, high), experiment.rate, rig, limits)
         if ended is not None:
             found.append(
-                f"{named} is expected to be ended by the guard at {ended.time:.3g} s (by {actuator.name}): {ended}; "
+                f"{named} is expected to be ended by the guard at {ended.time:.6g} s (by {actuator.name}): {ended}; "
                 f"give a smaller amplitude, or state limits.{ended.limit} where this strip withstands more"
             )
     return found

@@ -21,7 +21,7 @@ SILENCE: Final = 0.5
 _LOST: Final = 3.0  # s without a sign of life: the guardian hangs itself
 _START: Final = 30.0  # s to start Python and to connect
 _ANSWER: Final = 2.0  # s for an answer to a word
-_WORD: Final = 0.3  # s for one while rows are due; the next beat asks again
+_WORD: Final = 0.3  # s for one while rows are due (the next beat asks again), or the output is to be brought to 0 V
 _OFTEN: Final = 0.2  # s; blocks that are further apart need beats between them
 
 Outcome = Literal["", "zero", "unread", "failed"]
@@ -183,7 +183,7 @@ class Guardian:
         if not held_up and failure.code != "bench-lost":
             return  # at once: the output is to be brought to 0 V
         with suppress(IpmclabError):  # one that is gone has said why
-            self._hear(_ANSWER)
+            self._hear(_WORD)
         if self._state == "acted":
             cause = self._after_silence(silent, waited=not held_up)
             failure.message, failure.code, failure.where = cause.message, cause.code, cause.where

@@ -133,6 +133,7 @@ class Watch:
             self.say("disarmed")
         elif what == "ask":
             self.say(f"heard {value}")
+            return  # no beat: who asks why a run failed is not to be waited for any longer
         elif what == "sleep" and self._armed:
             self._act(SLEEP)
         self._deadline = time.monotonic() + self._silence
