@@ -48,8 +48,10 @@ def target_of(path: str | os.PathLike[str], *, overwrite: bool) -> Path:
     if is_folder:
         raise InputError("this is a folder", code="is-a-folder", where=str(path), repair="name a file in it")
     if not os.access(target.parent, os.W_OK | os.X_OK):
+        given = Path(path).parent
+        folder = given if given.resolve() == target.parent else target.parent  # where a link leads
         raise InputError(
-            f"you may not write in the folder {str(target.parent)!r}",
+            f"you may not write in the folder {str(folder)!r}",
             code="folder-closed",
             where=str(path),
             repair="ask for the right to write there, or write elsewhere",
