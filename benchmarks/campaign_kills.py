@@ -21,8 +21,7 @@ from typing import Final
 
 from benchmarks.harness import finish
 from ipmclab import read_fit, read_run
-from ipmclab.campaign.identified import MODELS
-from ipmclab.campaign.state import FILE, read_events
+from ipmclab.campaign.state import FILE, MODELS, read_events
 from ipmclab.cli.characterise import REPEATS
 
 SOURCES = ("src/ipmclab/campaign", "src/ipmclab/cli/characterise.py", "src/ipmclab/cli/sitting.py")

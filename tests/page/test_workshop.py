@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from ipmclab import identify, load_actuator, simulate, write_actuator, write_fit, write_run
-from ipmclab.campaign.identified import MODELS as CAMPAIGN_MODELS
+from ipmclab.campaign.state import MODELS
 from ipmclab.errors import InputError, IpmclabError
 from ipmclab.page.commands import report_step, simulate_step
 from ipmclab.page.fit_cards import FitCard, FitRequest, FittedFile
@@ -188,12 +188,12 @@ def test_an_actuator_with_a_plus_in_the_name_of_its_file_can_be_chosen(workshop:
 
 def test_the_models_of_a_campaign_can_be_chosen(workshop: Workshop) -> None:
     """The page of a campaign's folder said that there was no fit yet."""
-    folder = workshop.lab.root / CAMPAIGN_MODELS
+    folder = workshop.lab.root / MODELS
     folder.mkdir()
     step = simulate(load_actuator("friend-2"), "step 1 V", duration=2.0, rate=50.0)
     fit = identify(load_actuator("friend-2"), [step], free="circuit.dc_resistivity")
     write_fit(fit, folder / "strip-1.toml")
-    name = f"{CAMPAIGN_MODELS}/strip-1.toml"
+    name = f"{MODELS}/strip-1.toml"
     assert workshop.fitted_files() == [name]
     assert load_actuator(workshop.actuator_path(f"{name}+leak.cubic")).name
     assert workshop.runs_of_fit(name)[0] == []

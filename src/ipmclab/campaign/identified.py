@@ -18,7 +18,7 @@ import numpy as np
 
 from ipmclab.campaign.campaign import Campaign, Strip
 from ipmclab.campaign.results import RunResult
-from ipmclab.campaign.state import State
+from ipmclab.campaign.state import MODELS, State
 from ipmclab.errors import InputError, IpmclabError
 from ipmclab.fit.fit import Fit
 from ipmclab.fit.fit_file import read_fit, write_fit
@@ -33,9 +33,6 @@ from ipmclab.prediction.scores import fit_in_words
 from ipmclab.prediction.validate import Validation, validate
 from ipmclab.run import Run
 from ipmclab.signals import Step
-
-MODELS: Final = "models"
-"""The folder of the fits, in that of the campaign."""
 
 _MOST_ROWS: Final = 100_000
 """Of a run that a report may wait for."""

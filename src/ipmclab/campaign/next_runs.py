@@ -14,9 +14,9 @@ import numpy as np
 from ipmclab.campaign.blocks import CampaignRun
 from ipmclab.campaign.campaign import ROOM, Campaign
 from ipmclab.campaign.grown import lines_of
-from ipmclab.campaign.identified import MODELS
 from ipmclab.campaign.known import KnownSample, OnProgress, has_laws, known_of, recorded_runs
 from ipmclab.campaign.planned import plan_campaign
+from ipmclab.campaign.state import MODELS
 from ipmclab.errors import InputError
 from ipmclab.fit.fit import Fit
 from ipmclab.model.environment import Environment

@@ -20,6 +20,9 @@ from ipmclab.platform import lock_file, sync_file, sync_folder
 
 FILE: Final = "campaign.log"
 
+MODELS: Final = "models"
+"""The folder of the fits, in that of the campaign."""
+
 Verdict = Literal["kept", "flagged", "repeat", "interrupted"]
 """``kept``: good; ``flagged``: it fails its checks, and so did those before it; ``repeat``: it fails, and is recorded
 again; ``interrupted``: it was ended before its end, and is recorded again."""

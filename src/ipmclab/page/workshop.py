@@ -8,6 +8,7 @@ import tempfile
 from pathlib import Path
 from typing import Final
 
+from ipmclab.campaign.state import MODELS
 from ipmclab.destination import write_text
 from ipmclab.errors import InputError, suggest
 from ipmclab.page.curves import CurveStore
@@ -21,9 +22,6 @@ from ipmclab.toml_file import glance
 
 _MOST_FITS: Final = 20
 """Fits of a session that are kept; then the oldest that is over goes."""
-
-MODELS: Final = "models"
-"""Where a campaign, whose folder is a lab too, puts the models of its samples."""
 
 _LONGEST_NAME: Final = 40
 """Letters of a fit's name: so many fit wherever it is shown."""

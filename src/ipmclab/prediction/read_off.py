@@ -16,7 +16,6 @@ from ipmclab.model import Actuator
 from ipmclab.quality.noise import variance_for_means
 from ipmclab.run import FloatArray
 from ipmclab.statespace.noise_model import NoiseModel
-from ipmclab.statespace.shape import Shape
 
 _FEWEST_AT_REST: Final = 5  # readings, whose mean and scatter say whether a sensor reads zero (convention)
 _MOST_AT_REST: Final = 2000  # readings, the last of them: more would say no more of a zero (convention)
@@ -80,7 +79,7 @@ def _zero_of(before: FloatArray, time: FloatArray, fit: Fit | None, output: str)
 def _resting(noise: NoiseModel, time: FloatArray, left: FloatArray) -> Resting:
     """The first reading of each step of a noise, and that noise."""
     _, first = np.unique(np.rint((time - time[0]) / noise.step), return_index=True)
-    return Resting(Shape(noise.terms, noise.entries, noise.driven**2), left[first])
+    return Resting(noise.shape, left[first])
 
 
 def edge_delay(

@@ -239,8 +239,9 @@ def _validate_run(
     state = state_in(fit, actuator, run)
     there = model if state is None else strip_in_state(model, state, rates_of(fit))
     moving = {finding.channel for finding in found if finding.code == "not-at-rest"}  # which is no zero of a sensor
-    still = [name for name in outputs if name not in moving]
-    found_zeros = {**sensor_zeros(there, record, still, fit), **zeros_of_fit(fitted or {})}
+    of_fit = zeros_of_fit(fitted or {})
+    still = [name for name in outputs if name not in moving and name not in of_fit]
+    found_zeros = {**sensor_zeros(there, record, still, fit), **of_fit}
     zeros = {name: found_zeros[name] for name in outputs if found_zeros.get(name)}
     drifts, start = (fitted or {}).get("drift", {}), (fitted or {}).get("initial_state", {})
     since = run.time - run.time[0]

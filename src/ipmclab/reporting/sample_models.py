@@ -10,7 +10,8 @@ from typing import Final
 
 from markupsafe import Markup
 
-from ipmclab.campaign.identified import MODELS, Choice, SampleModel, label_of
+from ipmclab.campaign.identified import Choice, SampleModel, label_of
+from ipmclab.campaign.state import MODELS
 from ipmclab.fit.in_brief import Brief, in_brief
 from ipmclab.prediction.run_validation import RunValidation
 from ipmclab.reporting.figures.campaign import MOST_COLUMNS, predicted_figure

@@ -94,6 +94,11 @@ class NoiseModel:
         partials = _partials(np.array(self.coefficients))
         return float(self.driven**2 / np.prod(1.0 - partials**2) + self.white**2)
 
+    @property
+    def shape(self) -> Shape:
+        """The same as a shape [SI]."""
+        return Shape(self.terms, self.entries, self.driven**2)
+
     def deviation(self, time: FloatArray) -> FloatArray:
         """Standard deviation [SI] at times after the start of a run [s], offset and trend being known."""
         return np.asarray(np.sqrt(self.stationary + self.walk**2 * np.maximum(time, 0.0)))
@@ -118,8 +123,7 @@ class NoiseModel:
         steps = np.diff(np.rint((time - time[0]) / self.step).astype(np.int64), prepend=0)
         places = np.cumsum(np.minimum(steps, _LONGEST_PAUSE))
         shares = np.bincount(places) / len(time)
-        shape = Shape(self.terms, self.entries, self.driven**2)
-        return float(spread_by(shares[:, None], np.ones(len(shares), dtype=np.int64), shape)[0, 0])
+        return float(spread_by(shares[:, None], np.ones(len(shares), dtype=np.int64), self.shape)[0, 0])
 
 
 def _partials(coefficients: FloatArray) -> FloatArray:

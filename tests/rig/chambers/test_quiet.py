@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-
 import pytest
 
-from ipmclab.rig.chambers import line, registers
+from ipmclab.rig.chambers import deadline, line, registers
 from ipmclab.rig.chambers.deadline import Deadline
 from ipmclab.rig.chambers.dialogue import Dialogue
 from ipmclab.rig.chambers.line import Line
@@ -18,6 +16,11 @@ class Clock:
 
     def __init__(self, held_up_at: int) -> None:
         self.now, self.looks, self._held_up_at = 100.0, 0, held_up_at
+
+    def rules(self, patch: pytest.MonkeyPatch) -> None:
+        """From now on it is the time of every line."""
+        for module in (line, registers, deadline):
+            patch.setattr(module, "time", self)
 
     def monotonic(self) -> float:
         return self.now
@@ -54,6 +57,14 @@ class Port(Line):
     def _send(self, what: bytes, deadline: Deadline) -> None: ...
 
 
+def listen(kind: str, port: Port) -> None:
+    """Until it was quiet for half a second, or six are over."""
+    if kind == "text":
+        port.quieten(0.5, Deadline(6.0))
+    else:
+        Registers("a chamber", lambda _: port)._quieten(port, 0.5, Deadline(6.0))
+
+
 @pytest.mark.parametrize("comes_after", [0, 1, 50])
 @pytest.mark.parametrize("kind", ["registers", "text"])
 def test_what_came_while_the_program_was_held_up_is_no_answer_to_the_next_question(
@@ -61,13 +72,8 @@ def test_what_came_while_the_program_was_held_up_is_no_answer_to_the_next_questi
 ) -> None:
     clock = Clock(held_up_at=10)
     port = Port(clock, comes_at=10 + comes_after)
-    for module in (line, registers):
-        monkeypatch.setattr(module, "time", clock)
-    monkeypatch.setattr("ipmclab.rig.chambers.deadline.time", SimpleNamespace(monotonic=clock.monotonic))
-    if kind == "text":
-        port.quieten(0.5, Deadline(6.0))
-    else:
-        Registers("a chamber", lambda _: port)._quieten(port, 0.5, Deadline(6.0))
+    clock.rules(monkeypatch)
+    listen(kind, port)
     assert port.thrown_away == b"late"
     quiet = clock.looks - 10 - comes_after
     assert 0.5 - 1e-9 <= quiet * line.LOOK <= 0.6
@@ -78,13 +84,8 @@ def test_a_line_that_never_falls_quiet_is_left_at_the_deadline(monkeypatch: pyte
     clock = Clock(held_up_at=-1)
     port = Port(clock, comes_at=0)
     port.read = lambda size: b"more"[:size]  # type: ignore[method-assign]
-    for module in (line, registers):
-        monkeypatch.setattr(module, "time", clock)
-    monkeypatch.setattr("ipmclab.rig.chambers.deadline.time", SimpleNamespace(monotonic=clock.monotonic))
-    if kind == "text":
-        port.quieten(0.5, Deadline(6.0))
-    else:
-        Registers("a chamber", lambda _: port)._quieten(port, 0.5, Deadline(6.0))
+    clock.rules(monkeypatch)
+    listen(kind, port)
     assert clock.now == pytest.approx(106.0, abs=0.02)
 
 
@@ -92,9 +93,7 @@ def test_a_text_line_that_was_not_listened_to_stays_lost(monkeypatch: pytest.Mon
     """A pause longer than all the time for listening: the next answer would be that to an earlier question."""
     clock = Clock(held_up_at=3)
     port = Port(clock, comes_at=5)
-    for module in (line, registers):
-        monkeypatch.setattr(module, "time", clock)
-    monkeypatch.setattr("ipmclab.rig.chambers.deadline.time", SimpleNamespace(monotonic=clock.monotonic))
+    clock.rules(monkeypatch)
     dialogue = Dialogue(port, 0.3)
     dialogue._lost = True
     asked: list[str] = []

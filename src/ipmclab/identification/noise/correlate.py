@@ -90,7 +90,7 @@ class Correlated:
         """Of the sensors that have any beside the parameters of least squares."""
         return self.problem.zeros if isinstance(self.problem, DriftingProblem) else {}
 
-    @property
+    @cached_property
     def about_zeros(self) -> dict[Key, Shape]:
         """The noise, about the zeros and slopes that stand beside the parameters too."""
         zeros = self.zeros
