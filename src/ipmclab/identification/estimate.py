@@ -22,6 +22,7 @@ from ipmclab.identification.search.assumed import (
     could_be_zero,
     is_assumed_zero,
     not_at_rest,
+    not_at_zero,
     start_not_at_rest,
     with_less,
     without_idle,
@@ -149,6 +150,9 @@ def _least_squares(
     while True:
         searched, near, minima = find_minima(actuator, names, records)
         problem, solution = without_idle(searched, near, names)
+        if shown := not_at_zero(problem, solution):
+            records = [record.with_zero() if record.place in shown else record for record in records]
+            continue
         moving = not_at_rest(problem, solution) - given_up
         if not moving:
             break

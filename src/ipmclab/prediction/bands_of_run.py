@@ -13,7 +13,7 @@ from ipmclab.fit.ages import rates_of
 from ipmclab.fit.as_fitted import listed
 from ipmclab.fit.fit import Fit
 from ipmclab.identification.problem.free_run import seen_from_sensor
-from ipmclab.identification.problem.record import PreparedRun, model_hold, rest_rows
+from ipmclab.identification.problem.record import PreparedRun, model_hold
 from ipmclab.model import Actuator
 from ipmclab.prediction.bands import (
     Drive,
@@ -29,6 +29,7 @@ from ipmclab.prediction.bands import (
 )
 from ipmclab.prediction.in_state import state_in
 from ipmclab.prediction.own_of_mounting import mountings_of_fit, own_names_of_mountings, own_of_mounting
+from ipmclab.quality.record import rest_rows
 from ipmclab.run import Finding, Run
 
 FloatArray = npt.NDArray[np.float64]

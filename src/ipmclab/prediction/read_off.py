@@ -11,9 +11,10 @@ import numpy as np
 from ipmclab.fit.fit import Fit
 from ipmclab.identification.noise.at_rest import Resting
 from ipmclab.identification.problem.free_run import predict
-from ipmclab.identification.problem.record import LONGEST_DELAY, PreparedRun, rest_rows
+from ipmclab.identification.problem.record import LONGEST_DELAY, PreparedRun
 from ipmclab.model import Actuator
 from ipmclab.quality.noise import variance_for_means
+from ipmclab.quality.record import rest_rows
 from ipmclab.run import FloatArray
 from ipmclab.statespace.noise_model import NoiseModel
 

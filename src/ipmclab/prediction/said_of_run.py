@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from ipmclab.identification.problem.record import LONGEST_DELAY, rest_rows
+from ipmclab.identification.problem.record import LONGEST_DELAY
 from ipmclab.quality.beginning import REPAIR
-from ipmclab.quality.record import Record
+from ipmclab.quality.record import Record, rest_rows
 from ipmclab.run import Finding
 from ipmclab.units import CHANNELS
 

@@ -1,4 +1,4 @@
-"""A response that moves, or a current that is not zero, before the voltage steps."""
+"""A response that moves, or a current that is not zero, before the voltage first moves."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from typing import Final
 
 from ipmclab.confidence import NORMAL_95
 from ipmclab.quality.noise import variance_for_means
-from ipmclab.quality.record import Channel, Record
-from ipmclab.run import Finding
+from ipmclab.quality.record import GUARD_ROWS, NO_VOLTAGE, Channel, Record, rest_rows
+from ipmclab.run import Finding, FloatArray
 from ipmclab.units import CHANNELS
 
 _FEWEST: Final = 20  # rows at 0 V through which a line is drawn (convention)
@@ -16,33 +16,53 @@ _STANDARD_ERRORS: Final = 5.0  # standard errors: one in 1.7 million by chance (
 
 
 def before_step(record: Record) -> list[Finding]:
-    """``drift-before-step`` and ``offset-before-step``, from a straight line through the rows before the first edge.
+    """``drift-before-step`` and ``offset-before-step``, from a straight line through the rows before the voltage moves.
 
     The standard errors count how the residuals follow each other. A drift needs a slope of
     five standard errors that carries the reading by one and a half standard deviations of the
     noise; it is a warning when, over the rest of the record, it would make a twentieth of the
     range. An offset is a mean current of five standard errors and a thousandth of the range.
     """
-    if not record.steps_from_rest or record.edges[0] < _FEWEST:
+    stop = _rows_at_rest(record)
+    if stop < _FEWEST - GUARD_ROWS:
         return []
-    stop = int(record.edges[0]) - 3
     time = record.run.time[:stop] - record.run.time[:stop].mean()
     found = []
     for channel in record.channels.values():
         readings = channel.readings[:stop]
         if (channel.missing is not None and channel.missing[:stop].any()) or channel.span == 0.0:
             continue
-        sum_of_squares = float(time.dot(time))
-        mean, slope = float(readings.mean()), float(time.dot(readings)) / sum_of_squares
-        variance = variance_for_means(readings - mean - slope * time, 2)
-        slope_error, mean_error = math.sqrt(variance / sum_of_squares), math.sqrt(variance / stop)
+        mean, slope, mean_error, slope_error = _line(time, readings)
         travelled = abs(slope) * float(time[-1] - time[0])
         visible = travelled > max(1.5 * channel.noise, 2.0 * channel.quantum)
-        if variance > 0.0 and visible and abs(slope) > _STANDARD_ERRORS * slope_error:
+        if slope_error > 0.0 and visible and abs(slope) > _STANDARD_ERRORS * slope_error:
             found.append(_drift(record, channel, slope, slope_error, stop))
         if channel.name == "current" and abs(mean) > max(_STANDARD_ERRORS * mean_error, 1e-3 * channel.span):
             found.append(_offset(channel, mean, mean_error, stop))
     return found
+
+
+def _rows_at_rest(record: Record) -> int:
+    """How many rows there are at 0 V before the first edge, or before a wave, which has none, begins to move.
+
+    Where a wave begins so slowly that its line through these rows has a slope, they are not at rest.
+    """
+    if record.steps_from_rest:
+        return int(record.edges[0]) - GUARD_ROWS
+    stop = rest_rows(record.run) - GUARD_ROWS
+    if not record.excited or stop < _FEWEST - GUARD_ROWS:
+        return 0
+    voltage, time = record.run.voltage[:stop], record.run.time[:stop] - record.run.time[:stop].mean()
+    level, slope, _, error = _line(time, voltage)
+    return 0 if abs(level) > NO_VOLTAGE or abs(slope) > _STANDARD_ERRORS * error else stop
+
+
+def _line(time: FloatArray, readings: FloatArray) -> tuple[float, float, float, float]:
+    """Mean and slope of readings over times whose mean is zero, and the standard error of each."""
+    sum_of_squares = float(time.dot(time))
+    mean, slope = float(readings.mean()), float(time.dot(readings)) / sum_of_squares
+    variance = variance_for_means(readings - mean - slope * time, 2)
+    return mean, slope, math.sqrt(variance / len(time)), math.sqrt(variance / sum_of_squares)
 
 
 def _drift(record: Record, channel: Channel, slope: float, error: float, stop: int) -> Finding:
@@ -54,13 +74,13 @@ def _drift(record: Record, channel: Channel, slope: float, error: float, stop: i
         severity="warning" if share > 0.05 else "info",
         channel=channel.name,
         message=(
-            f"before the voltage steps the {channel.name} drifts by {quantity.to_display(slope):.3g} ± "
+            f"before the voltage moves the {channel.name} drifts by {quantity.to_display(slope):.3g} ± "
             f"{quantity.to_display(NORMAL_95 * error):.2g} {quantity.display_unit}/s (95 %); over the rest of the "
             f"record that would be {channel.show(slope * remaining)}, {100 * share:.3g} % of its range"
         ),
         repair=(
             "identification fits a drift of this channel together with the parameters; better, wait until the strip is "
-            "at rest before the step"
+            "at rest before the voltage moves"
         ),
         samples=((0, stop),),
         values={"slope": slope, "standard_error": error, "share_of_range": share},
@@ -73,7 +93,7 @@ def _offset(channel: Channel, mean: float, error: float, stop: int) -> Finding:
         severity="warning",
         channel=channel.name,
         message=(
-            f"before the voltage steps the current reads {channel.show(mean)} ± "
+            f"before the voltage moves the current reads {channel.show(mean)} ± "
             f"{channel.show(NORMAL_95 * error)} (95 %) instead of zero"
         ),
         repair=(

@@ -22,7 +22,7 @@ from ipmclab.model.numerics.timeline import timeline
 from ipmclab.model.simulate import series_shunt
 from ipmclab.quality import censored, usable
 from ipmclab.quality.noise import noise_of_readings, quantum_of
-from ipmclab.quality.record import Channel
+from ipmclab.quality.record import Channel, rest_rows
 from ipmclab.run import Finding, FloatArray, Hold, Run
 from ipmclab.strip_state.run_state import RunState
 
@@ -37,7 +37,7 @@ LONGEST_DELAY: Final = 3
 
 _EDGE: Final = 0.05  # of the largest voltage
 
-_SHOWS_ZERO: Final = 20
+SHOWS_ZERO: Final = 20
 """Rows at 0 V before the first step from which the check of a record tells whether the current reads zero there."""
 
 _EXACT: Final = 1e-9  # of the range of the readings
@@ -140,7 +140,7 @@ class PreparedRun:
             return anywhere
         reading, voltage = self.readings[output], np.abs(self.run.voltage)
         rows = np.flatnonzero(reading.exact[: max(self.resting - LONGEST_DELAY, 0)])
-        if len(rows) < _SHOWS_ZERO:
+        if len(rows) < SHOWS_ZERO:
             return anywhere
         largest = float(np.ptp(reading.measured))
         driven = largest * float(voltage[rows].max()) / float(voltage.max())
@@ -199,15 +199,21 @@ class PreparedRun:
 
     @property
     def zero_is_unseen(self) -> bool:
-        """Whether no row at 0 V shows the zero of the current: the record begins with the voltage on."""
+        """Whether nothing shows the zero of the current: the record begins with the voltage on, and no wave does."""
+        if ("offset", "current") in self.unsettled:
+            return False
         shown = np.count_nonzero(self.readings["current"].exact[: self.resting]) if "current" in self.readings else 0
-        return bool(shown < _SHOWS_ZERO)
+        return bool(shown < SHOWS_ZERO)
 
     @property
     def zero_is_taken(self) -> bool:
         """Whether the current of a run on a bench was taken to read zero at 0 V."""
         is_measured = "current" in self.readings and self.run.metadata.origin != "simulated"
         return is_measured and ("offset", "current") not in self.unsettled
+
+    def with_zero(self) -> PreparedRun:
+        """The same, the zero of its current asked of the readings."""
+        return replace(self, unsettled=self.unsettled | {("offset", "current")})
 
     @property
     def delay_is_free(self) -> bool:
@@ -297,18 +303,6 @@ def _noise(values: FloatArray, known: float | None = None) -> float:
     return max(noise, 1e-9 * float(np.abs(values).max()), LEAST_NOISE)
 
 
-def rest_rows(run: Run) -> int:
-    """How many rows come before the voltage first moves away from 0, or 0 when it is on from the first.
-
-    Examples
-    --------
-    >>> rest_rows(Run.from_arrays(time=[0.0, 1.0, 2.0], voltage=[0.0, 0.001, 1.0]))
-    2
-    """
-    moved = np.flatnonzero(np.abs(run.voltage) > 0.02 * np.max(np.abs(run.voltage), initial=0.0))
-    return int(moved[0]) if len(moved) else len(run)
-
-
 def at_their_rows(records: Iterable[PreparedRun]) -> dict[int, EdgeDelay]:
     """The edges of foreign records at their rows, by the places of these."""
     return {record.place: record.at_its_rows for record in records if record.delay_is_free}
@@ -335,7 +329,7 @@ def _start(run: Run, readable: Mask | None) -> Start:
         return "stated rest" if stated else "free"
     # Up to a few rows before the edge may belong to it already: a channel can lead another.
     quiet = rest_rows(run) - LONGEST_DELAY
-    if run.current is None and quiet >= _SHOWS_ZERO:
+    if run.current is None and quiet >= SHOWS_ZERO:
         return UNASKED_REST
     if quiet < LONGEST_DELAY or run.current is None or readable is None:
         return ASSUMED_REST

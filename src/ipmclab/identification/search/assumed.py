@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence, Set
 from dataclasses import replace
 from typing import Final
@@ -11,7 +12,7 @@ import numpy as np
 from ipmclab.confidence import REJECT
 from ipmclab.identification.problem.free import FreeParameters
 from ipmclab.identification.problem.problem import Problem
-from ipmclab.identification.problem.record import ASSUMED_REST, PreparedRun
+from ipmclab.identification.problem.record import ASSUMED_REST, SHOWS_ZERO, PreparedRun
 from ipmclab.identification.problem.unknowns import Unknown
 from ipmclab.identification.search.descent import minimum_from, start_with_fewer, weigh
 from ipmclab.identification.search.solve import Solution
@@ -88,7 +89,31 @@ def not_at_rest(problem: Problem, solution: Solution) -> set[int]:
     return found
 
 
-def _explains(columns: FloatArray, basis: FloatArray, residual: FloatArray, unknowns: int) -> bool:
+def not_at_zero(problem: Problem, solution: Solution) -> set[int]:
+    """Places of runs without rows at 0 V whose readings contradict the zero of their current (F test).
+
+    Under a constant voltage a zero looks like the dc path. A wave shows it: asked are runs in which the parameters
+    leave of a constant as much as rows at 0 V must show.
+    """
+    tested = [record for record in problem.records if record.zero_is_taken and record.zero_is_unseen]
+    if not tested:
+        return set()
+    residual = solution.evaluation.residual
+    basis = np.linalg.qr(solution.evaluation.jacobian)[0]
+    found: set[int] = set()
+    for record in tested:
+        column = np.zeros((len(residual), 1))
+        piece = problem.pieces[record.place, "current"]
+        column[piece] = 1.0
+        least = math.sqrt(SHOWS_ZERO / max(len(column[piece]), SHOWS_ZERO))
+        if _explains(column, basis, residual, len(solution.theta), least):
+            found.add(record.place)
+    return found
+
+
+def _explains(
+    columns: FloatArray, basis: FloatArray, residual: FloatArray, unknowns: int, least: float = _BLIND
+) -> bool:
     """Whether adding columns to a linearised fit, whose Jacobian has the orthonormal ``basis``, explains too much."""
     from scipy.special import fdtrc
 
@@ -97,7 +122,7 @@ def _explains(columns: FloatArray, basis: FloatArray, residual: FloatArray, unkn
     if not columns.shape[1]:
         return False
     vectors, singular, _ = np.linalg.svd(columns - basis @ (basis.T @ columns), full_matrices=False)
-    vectors = vectors[:, singular > _BLIND]
+    vectors = vectors[:, singular > least]
     added = vectors.shape[1]
     freedom = len(residual) - unknowns - added
     if not added or freedom < 1:

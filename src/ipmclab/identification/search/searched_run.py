@@ -29,6 +29,8 @@ class SearchedRun:
         Whether the state at the start is unknown.
     step : float [s], optional
         Between two rows, where readings are means of several.
+    sensor : tuple of str
+        What the sensor may add to the readings: ``offset``, ``drift``.
     """
 
     drive: Drive
@@ -37,6 +39,7 @@ class SearchedRun:
     weight: FloatArray
     free_start: bool = False
     step: float | None = None
+    sensor: tuple[str, ...] = ()
 
 
 def side_by_side(series: Sequence[SearchedRun]) -> Iterator[tuple[SearchedRun, slice, int]]:
@@ -46,6 +49,22 @@ def side_by_side(series: Sequence[SearchedRun]) -> Iterator[tuple[SearchedRun, s
         starts += run.free_start
         yield run, slice(begin, begin + len(run.time)), starts if run.free_start else 0
         begin += len(run.time)
+
+
+def of_sensors(series: Sequence[SearchedRun]) -> FloatArray:
+    """What the sensors of some runs add, all runs side by side: a row for each zero and slope.
+
+    Returns
+    -------
+    rows : float array, shape (n_constants, n_total)
+        1 for a zero; a slope is counted over the whole run.
+    """
+    rows = np.zeros((sum(len(run.sensor) for run in series), sum(len(run.time) for run in series)))
+    left = iter(rows)
+    for run, own, _ in side_by_side(series):
+        for what, row in zip(run.sensor, left, strict=False):
+            row[own] = 1.0 if what == "offset" else run.time / run.time[-1]
+    return rows
 
 
 def moves_of_rows(rows: FloatArray) -> FloatArray:

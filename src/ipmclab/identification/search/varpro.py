@@ -17,7 +17,7 @@ from typing import Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.identification.search.pole_grid import grid_pairs, grid_starts
+from ipmclab.identification.search.pole_grid import grid_pairs, grid_starts, pole_grid
 from ipmclab.identification.search.searched_run import SearchedRun, side_by_side
 from ipmclab.model.numerics.drive import complex_responses, responses
 from ipmclab.normal_equations import damped_step, pseudo_inverse
@@ -34,6 +34,7 @@ _LONGEST_STEP: Final = 1.5  # of a logarithm in one iteration
 _SETTLED: Final = 1e-10  # relative decrease of the cost at which a descent ends
 _UNSEEN: Final = 1e-4  # of the rounding of a cost: a decrease that could not be told from it
 _IMITATED: Final = 1e-12  # of its square: what is left of the move of a pole that the linear part follows to rounding
+_BEYOND: Final = math.log(10.0)  # outside of a grid, from which on a pole is a jump, or a straight line
 _EQUAL: Final = 0.05  # of a logarithm: poles nearer than that have met
 
 
@@ -167,7 +168,8 @@ def search_poles(series: Sequence[SearchedRun], count: int, common: FloatArray, 
     common : float array, shape (n_common, n_total)
         Further columns that enter linearly, over all runs side by side: a direct term, offsets.
     tries : int
-        How many of the best grid points are followed to their minimum, where the first ends in equal poles.
+        How many of the best grid points are followed to their minimum, where the first ends in equal poles, or in one
+        that these records cannot show.
 
     Returns
     -------
@@ -176,9 +178,12 @@ def search_poles(series: Sequence[SearchedRun], count: int, common: FloatArray, 
     """
     found: list[PoleFit] = []
     table = _Table(series, count, common)
+    shown = np.log(-pole_grid(series))
+    fastest, slowest = shown[0] + _BEYOND, shown[-1] - _BEYOND
     for start in islice(grid_starts(series, count, common), tries):
         found.append(_descend(table, start))
-        if not (np.diff(np.log(-found[-1].poles)) > -_EQUAL).any():
+        ended = np.log(-found[-1].poles)
+        if ended[0] <= fastest and ended[-1] >= slowest and not (np.diff(ended) > -_EQUAL).any():
             break
     return min(found, key=lambda fit: fit.cost)
 

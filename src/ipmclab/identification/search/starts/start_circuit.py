@@ -11,7 +11,7 @@ import numpy as np
 
 from ipmclab.identification.problem.edge_delay import EdgeDelay, starts_of
 from ipmclab.identification.problem.record import LONGEST_DELAY, PreparedRun, at_their_rows, drive
-from ipmclab.identification.search.searched_run import SearchedRun, moves_of_rows
+from ipmclab.identification.search.searched_run import SearchedRun, moves_of_rows, of_sensors
 from ipmclab.identification.search.varpro import PoleFit, search_poles
 from ipmclab.model import geometry
 from ipmclab.model.admittance import Admittance, Elements, elements
@@ -46,7 +46,8 @@ def current_series(records: Sequence[PreparedRun], delays: Mapping[int, float]) 
         step = None
         if reading.weights is not None:
             weight, step = weight * reading.weights, float(np.diff(since).min())
-        found.append(SearchedRun(given, since, current, weight, record.start == "free", step))
+        sensor = ("offset",) if ("offset", "current") in record.unsettled else ()
+        found.append(SearchedRun(given, since, current, weight, record.start == "free", step, sensor))
     return found
 
 
@@ -162,8 +163,8 @@ def admittance_of(found: PoleFit) -> Admittance:
 
 def fitted_poles(series: Sequence[SearchedRun], branches: int, *, tries: int = 3) -> PoleFit:
     """The poles of some currents, whose direct term answers to the voltage itself."""
-    direct = np.concatenate([run.drive.present for run in series])[None, :]
-    return search_poles(series, branches, direct, tries=tries)
+    direct = np.concatenate([run.drive.present for run in series])
+    return search_poles(series, branches, np.vstack([direct, of_sensors(series)]), tries=tries)
 
 
 def circuit_values(fractions: Admittance, values: Mapping[str, float], series: float) -> tuple[dict[str, float], bool]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Container, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Final, NamedTuple
@@ -12,7 +12,7 @@ import numpy as np
 
 from ipmclab.identification.problem.free_run import seen_from_sensor
 from ipmclab.identification.problem.record import PreparedRun, fastest_rate, model_hold
-from ipmclab.identification.search.searched_run import SearchedRun
+from ipmclab.identification.search.searched_run import SearchedRun, of_sensors
 from ipmclab.identification.search.starts.slow_modes import slow_modes, slow_poles, slow_values
 from ipmclab.identification.search.varpro import PoleFit, all_minima, near_pairs, pair_minima, search_poles
 from ipmclab.model import Actuator, simulate_outputs
@@ -187,7 +187,8 @@ def _with_other(
     fast = PoleFit(poles, np.array([first, gain - first]), np.zeros(0), 0.0)
     if not slow:
         return _stiffness(fast, other) if separate else 1.0, ()
-    runs, common = [one.run for one in other], _sensors(other)
+    runs = [one.run for one in other]
+    common = of_sensors(runs)
     expected = [fast.residues @ responses(run.drive, poles)[0] for run in runs]
     if separate:
         common = np.vstack([common, np.concatenate(expected)])
@@ -209,54 +210,21 @@ def _within_drifts(
 ) -> list[PoleFit]:
     """What a search finds, no sensor drifting by more than its rows at 0 V allow."""
     runs = [one.run for one in motion]
-    found = search(runs, _sensors(motion))
-    held: dict[int, float] = {}
-    for (k, is_slope), weight in zip(_columns(motion), found[0].common, strict=True) if found else ():
-        if is_slope:
-            one = motion[k]
-            slope = float(weight) / float(one.run.time[-1])
+    found = search(runs, of_sensors(runs))
+    constants = [(k, what) for k, run in enumerate(runs) for what in run.sensor]
+    held = {}
+    for (k, what), weight in zip(constants, found[0].common, strict=True) if found else ():
+        if what == "drift":
+            one, run = motion[k], runs[k]
+            slope = float(weight) / float(run.time[-1])
             least, most = one.record.limits("drift", one.output)
             nearest = min(max(slope, least / one.scale), most / one.scale)
             if nearest != slope:
-                held[k] = nearest
+                held[k] = replace(run, readings=run.readings - nearest * run.time, sensor=("offset",))
     if not held:
         return found
-    series = [
-        replace(run, readings=run.readings - held[k] * run.time) if k in held else run for k, run in enumerate(runs)
-    ]
-    return search(series, _sensors(motion, without=held))
-
-
-def _columns(motion: Sequence[Motion], without: Container[int] = ()) -> list[tuple[int, bool]]:
-    """Of each column that sensors add the series, and whether it is a slope."""
-    return [
-        (k, is_slope)
-        for k, one in enumerate(motion)
-        for is_slope in (False, True)
-        if not is_slope or (("drift", one.output) in one.record.unsettled and k not in without)
-    ]
-
-
-def _sensors(motion: Sequence[Motion], *, without: Container[int] = ()) -> FloatArray:
-    """What sensors add: a constant for each series, for a zero is arbitrary, and a slope where the record shows one.
-
-    Parameters
-    ----------
-    motion : sequence of Motion
-    without : container of int
-        Series whose slope is known.
-
-    Returns
-    -------
-    columns : float array, shape (n_column, n_total)
-    """
-    ends = np.cumsum([0, *(len(one.run.time) for one in motion)])
-    what = _columns(motion, without)
-    columns = np.zeros((len(what), ends[-1]))
-    for column, (k, is_slope) in zip(columns, what, strict=True):
-        time = motion[k].run.time
-        column[ends[k] : ends[k + 1]] = time / time[-1] if is_slope else 1.0
-    return columns
+    series = [held.get(k, run) for k, run in enumerate(runs)]
+    return search(series, of_sensors(series))
 
 
 def _stiffness(found: PoleFit, pressing: Sequence[Motion]) -> float:
@@ -330,7 +298,9 @@ def motion_series(
             values = reading.values if known_part is None else reading.values - answer
             weight = np.where(reading.exact, scale / max(reading.noise, 1e-300), 0.0)
             since, is_free = record.run.time - record.run.time[0], record.start == "free"
-            run = SearchedRun(given, since, values / scale, weight, is_free)
+            # A zero is arbitrary; a slope is asked for where the record shows one.
+            sensor = ("offset", "drift") if ("drift", output) in record.unsettled else ("offset",)
+            run = SearchedRun(given, since, values / scale, weight, is_free, sensor=sensor)
             found.append(Motion(run, record, output, scale))
     return found
 
@@ -360,6 +330,7 @@ def relaxation_start(
         of, slow = of_output(motion, output), slow_poles(actuator, output)
         if not of or not slow:
             continue
-        found = search_poles([one.run for one in of], slow, _sensors(of))
+        runs = [one.run for one in of]
+        found = search_poles(runs, slow, of_sensors(runs))
         values |= slow_values(actuator, output, slow_modes(found.poles, found.residues, static))
     return values

@@ -15,7 +15,7 @@ import numpy as np
 
 from ipmclab.identification.problem.record import PreparedRun
 from ipmclab.identification.problem.response import lumped
-from ipmclab.identification.search.searched_run import SearchedRun, side_by_side
+from ipmclab.identification.search.searched_run import SearchedRun, of_sensors, side_by_side
 from ipmclab.identification.search.starts.start_circuit import (
     admittance_of,
     circuit_values,
@@ -155,17 +155,18 @@ class _Node:
         return found
 
     def at(self, fractions: Admittance) -> tuple[FloatArray, FloatArray]:
-        """No columns, and what a circuit without a leak leaves of the currents."""
+        """What sensors add, and what a circuit without a leak leaves of the currents."""
         answer = np.concatenate([_answer(fractions, run.drive) for run in self.series])
-        return np.zeros((0, len(answer))), self.readings - answer
+        return of_sensors(self.series), self.readings - answer
 
     def around(self, fractions: Admittance, leak: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """How the currents change with the circuit, and what is left of them without the leak."""
+        """How the currents change with the circuit and the sensors, and what is left of them without the leak."""
         rows = []
         for run in self.without(leak):
             state, slope = responses(run.drive, fractions.poles)
             rows.append(np.vstack([run.drive.present, state, slope]))
-        return np.concatenate(rows, axis=1), self.at(fractions)[1]
+        of_sensor, left = self.at(fractions)
+        return np.vstack([np.concatenate(rows, axis=1), of_sensor]), left
 
     def through(self, fractions: Admittance, columns: FloatArray) -> FloatArray:
         """What each part of a leak adds to the current, w - S Y w: it also loads the electrodes."""
