@@ -110,7 +110,7 @@ class Zero:
         basis = orthonormal @ turn
         taken = basis * (1.0 - np.sqrt(np.clip(1.0 - share, 0.0, 1.0)))
         expected, answer = self.columns @ centre, inner @ self.columns.T
-        return Projection(basis, taken, answer, centre, expected, self.columns, errors, by_rows)
+        return Projection(basis, share, taken, answer, centre, expected, self.columns, errors, by_rows)
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,9 +119,12 @@ class Projection:
 
     Parameters
     ----------
-    basis, taken : float array, shape (n_measured, n_constants)
-        Orthonormal columns Q, and Q times the part of each that goes, all of what nothing is known of: T r is r less
-        the second times Q'r.
+    basis : float array, shape (n_measured, n_constants)
+        Orthonormal columns Q.
+    share : float array, shape (n_constants,)
+        How much of the squares along each goes: all of what nothing is known of.
+    taken : float array, shape (n_measured, n_constants)
+        Q times the part of each that goes: T r is r less this times Q'r.
     answer : float array, shape (n_constants, n_measured)
         From a residual to the best constants about their centre.
     centre : float array, shape (n_constants,)
@@ -137,6 +140,7 @@ class Projection:
     """
 
     basis: FloatArray
+    share: FloatArray
     taken: FloatArray
     answer: FloatArray
     centre: FloatArray
@@ -200,6 +204,19 @@ class DriftingProblem(Changed):
         projection, own = self.projections[key], found[:, inside].T
         found[:, inside] = (own - projection.taken @ (projection.basis.T @ own)).T
         return found
+
+    def squares(self, key: Key, residual: FloatArray) -> float:
+        """Those of the readings about the best zero and slope.
+
+        Along a direction of which a share s goes, the squares of T r are those and what the constants differ from what
+        is known of them, s of the whole: a slope that is known badly and counts much is no noise.
+        """
+        whole = super().squares(key, residual)
+        if key not in self.zeros:
+            return whole
+        projection = self.projections[key]
+        along = projection.basis.T @ residual[self.zeros[key].inside]
+        return max(whole - float(projection.share @ (along * along)), 0.0)
 
     def constants(self, key: Key, plain: FloatArray) -> FloatArray:
         """The best zero, where the slope adds nothing, and slope over half of the readings, of a plain residual."""

@@ -184,6 +184,10 @@ class Problem:
         """Rows of one output of one run, shape (n, n_readings), as the noise of this problem weighs them."""
         return rows
 
+    def squares(self, key: tuple[int, str], residual: FloatArray) -> float:  # noqa: ARG002 - no sensor is known here
+        """Sum of the squares that a residual of one output of one run leaves, what is known of its sensor aside."""
+        return float(residual @ residual)
+
     def values(self, theta: FloatArray, place: int) -> dict[str, float]:
         """The actuator's parameters as one run has them, in the state in which its strip was."""
         return self._there(theta, place, ()).values

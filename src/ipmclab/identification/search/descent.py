@@ -281,6 +281,6 @@ def found_noise(problem: Problem, here: Evaluation) -> dict[tuple[int, str], flo
     for key, piece in pieces.items():
         residual = here.residual[piece]
         active = max(int(np.count_nonzero(residual)), 1)  # a bound that holds says nothing about noise
-        sigma = problem.noise[key] * math.sqrt(float(residual @ residual) / (active * freedom))
+        sigma = problem.noise[key] * math.sqrt(problem.squares(key, residual) / (active * freedom))
         noise[key] = max(sigma, problem.floors[key])
     return noise
