@@ -93,9 +93,9 @@ def test_a_line_that_fails(place: int, tmp_path: Path, quicker: None) -> None:
 def test_one_answer_that_fails_costs_a_question_and_nothing_else(tmp_path: Path) -> None:
     def fail(what: FaultKind) -> None:
         for kind in (KINDS[1], KINDS[-1]):
-            with paired(kind, tmp_path, patience=0.5) as pair:
+            with paired(kind, tmp_path, patience=1.0) as pair:
                 pair.chamber.set(*WANTED)
-                pair.emulator.fault = Fault(what, after=1, lasts=1, seconds=0.8)
+                pair.emulator.fault = Fault(what, after=1, lasts=1, seconds=1.4)
                 assert pair.chamber.read().temperature == WANTED[0]
 
     at_once(fail, LINE_FAULTS)
