@@ -12,6 +12,12 @@ a contact whose resistance grows once by 1 to 10 ohm; a step of 0.5 to 2.5 V fro
 noise of 0 to 0.03 mA, readings rounded to 0 to 0.1 mA, the hold known or not; two branches are fitted. Of a sixth of
 them the displacement is read, which has one slow mode more than the fit (noise 0 to 3 um, rounded to 0 to 10 um, the
 circuit known), beside least squares of as many real poles with residues of any size and the zero free. Seed 20261122.
+
+Waves: the current of a strip whose capacitance is spread over all time constants (a constant phase element, in parallel
+with the dc path and behind a resistance; of two fifths a leak beside it), which no number of branches is: under a sine,
+a square wave, a triangle, five sines, stairs, a step and one that ends, from the first row or after 1 to 5 s, with a
+zero of the sensor of 2 % of the range or none, 10 to 50 S/s, 20 to 100 s, noise of 0.01 or 0.1 % of the range. Two and
+three branches are fitted. Plain least squares knows that there is no zero where rows at 0 V show it.
 """
 
 from __future__ import annotations
@@ -67,8 +73,10 @@ def circuit_current(entries: Array, voltage: Array, period: float) -> Array:
     return np.asarray(current)
 
 
-def plain_fit(voltage: Array, current: Array, period: float, branches: int, used: npt.NDArray[np.bool_]) -> Array:
-    """Bounded least squares from six starts: the entries, and last the zero [A]."""
+def plain_fit(
+    voltage: Array, current: Array, period: float, branches: int, used: npt.NDArray[np.bool_], most: float = 1.0
+) -> Array:
+    """Bounded least squares from six starts: the entries, and last the zero [mA], which is ``most`` [A] at most."""
     steady = float(np.abs(voltage).max() / max(np.abs(current[used][-20:]).mean(), 1e-6))
     first = float(np.abs(voltage).max() / max(np.abs(current[used]).max(), 1e-6))
     lower = np.log([1e-1, 1e1, *[1e-1, 1e-6] * branches])
@@ -87,7 +95,11 @@ def plain_fit(voltage: Array, current: Array, period: float, branches: int, used
             start += [np.log(resistance), np.log(constant / resistance)]
         begin = np.append(np.clip(start, lower + 1e-3, upper - 1e-3), 0.0)
         found = scipy.optimize.least_squares(
-            residual, begin, bounds=(np.append(lower, -1e3), np.append(upper, 1e3)), x_scale="jac", max_nfev=200
+            residual,
+            begin,
+            bounds=(np.append(lower, -1e3 * most), np.append(upper, 1e3 * most)),
+            x_scale="jac",
+            max_nfev=200,
         )
         best = found if best is None or found.cost < best.cost else best
     assert best is not None
@@ -263,6 +275,63 @@ def touched(strip: ipmclab.Actuator, clean: ipmclab.Run, generator: np.random.Ge
     return np.concatenate([first, after.block(clean.voltage[row:])[0]])
 
 
+WAVES = ("sine", "square", "multisine", "triangle", "stairs", "stepped down", "step")
+SPREAD = np.geomspace(3e-3, 300.0, 24)  # s, time constants of what stands for a constant phase element
+
+
+def waved(number: int) -> tuple[bool, ipmclab.Run]:
+    """A record of a strip whose capacitance is spread over all time constants; and whether it may have a zero."""
+    generator = np.random.default_rng([SEED, number])
+    kind = WAVES[number % len(WAVES)]
+    rate, lasts = float(generator.choice([10.0, 20.0, 25.0, 50.0])), float(generator.choice([20.0, 40.0, 60.0, 100.0]))
+    time_of = np.arange(int(rate * lasts) + 1) / rate
+    volts, rest = generator.uniform(0.5, 3.0), float(generator.choice([0.0, 1.0, 2.0, 5.0]))
+    slow, fast = 2.0 * np.pi * generator.uniform(0.02, 0.3), 2.0 * np.pi * generator.uniform(0.05, 1.0)
+    phases = generator.uniform(0.0, 2.0 * np.pi, 5)
+    tones = np.geomspace(0.05, min(3.0, rate / 5.0), 5)
+    since = time_of - rest
+    shape = {
+        "sine": np.sin(fast * since),
+        "square": np.sign(np.sin(slow * since + 1e-9)),
+        "multisine": np.sin(2.0 * np.pi * np.outer(since, tones) + phases).sum(axis=1) / 3.0,
+        "triangle": scipy.signal.sawtooth(slow * since + 0.5 * np.pi, 0.5),
+        "stairs": np.clip(np.ceil((since + 1e-9) / (0.2 * lasts)), 0.0, 4.0) / 4.0,
+        "stepped down": np.where(since < 0.5 * lasts, 1.0, 0.0),
+        "step": np.ones_like(since),
+    }[kind]
+    voltage = volts * shape * (since >= 0.0)
+    exponent, series = generator.uniform(0.5, 0.95), np.exp(generator.uniform(np.log(5.0), np.log(60.0)))
+    capacitances = 0.3 * np.exp(generator.uniform(np.log(2e-3), np.log(0.2))) * (SPREAD / 10.0) ** (1.0 - exponent)
+    leak = np.exp(generator.uniform(np.log(100.0), np.log(5000.0)))
+    entries = np.log(np.concatenate([[series, leak], np.column_stack([SPREAD / capacitances, capacitances]).ravel()]))
+    current = circuit_current(entries, voltage, 1.0 / rate)
+    if generator.random() < 0.4:
+        node = voltage - series * current
+        current = current + generator.uniform(5e-6, 1e-4) * np.sinh(node / generator.uniform(0.5, 1.5))
+    size = float(np.ptp(current))
+    noise = float(generator.choice([1e-4, 1e-3])) * size * generator.standard_normal(len(time_of))
+    zero = float(generator.choice([0.0, 0.02])) * size
+    run = ipmclab.Run.from_arrays(time=time_of, voltage=voltage, current=current + noise + zero, hold="zero")
+    return bool(zero or not rest), run
+
+
+def compared_wave(number: int, branches: int) -> Compared:
+    """A fit of one of these beside plain least squares, which takes the zero for none where it is, and rows show it."""
+    may_have_zero, run = waved(number)
+    assert run.current is not None
+    actuator = with_stages(ipmclab.load_actuator("friend-2"), *(["branches=3"] if branches == 3 else []))
+    begin = time.perf_counter()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        fit = ipmclab.identify(actuator, run, free=FREE)
+    seconds = time.perf_counter() - begin
+    left = float(np.sqrt(np.mean(fit.residuals[0]["current"] ** 2)))
+    most = 1.0 if may_have_zero else 1e-12
+    point = plain_fit(run.voltage, run.current, 1.0 / run.rate, branches, np.ones(len(run), dtype=bool), most)
+    away = circuit_current(point[:-1], run.voltage, 1.0 / run.rate) + 1e-3 * point[-1] - run.current
+    return Compared(left, float(np.sqrt(np.mean(away**2))), seconds)
+
+
 def real_part() -> list[str]:
     """The table of the real records."""
     two = ipmclab.load_actuator("friend-2")
@@ -326,12 +395,37 @@ def drawn_part(trials: int) -> list[str]:
     ]
 
 
+def waves_part(trials: int) -> list[str]:
+    """The table of waves."""
+    lines = [
+        "| wave | branches | records | median ratio | 95 % | largest | above 1.1 |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    ratios: dict[tuple[str, int], list[float]] = {}
+    for number in range(trials):
+        for branches in (2, 3):
+            one = compared_wave(number, branches)
+            kind = WAVES[number % len(WAVES)]
+            ratios.setdefault((kind, branches), []).append(one.ratio)
+            print(
+                f"wave {number + 1} of {trials}: {kind}, {branches}, {one.ratio:.3f}, {one.seconds:.1f} s", flush=True
+            )
+    for (kind, branches), found in ratios.items():
+        values = np.array(found)
+        lines.append(
+            f"| {kind} | {branches} | {len(values)} | {np.median(values):.3f} | {np.quantile(values, 0.95):.3f} | "
+            f"{values.max():.3f} | {int((values > WORST_DRAWN).sum())} |"
+        )
+    return lines
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--trials", type=int, default=100)
     parser.add_argument("--record", action="store_true", help="write benchmarks/results/wrong_model.md")
     options = parser.parse_args()
     body = ["## Real records", "", *real_part(), "", "## Simulated strips", "", *drawn_part(options.trials)]
+    body += ["", "## Waves", "", *waves_part(options.trials)]
     finish(
         "wrong_model", "Fits of models that are not complete", "\n".join(body), [], record=options.record, gate=False
     )

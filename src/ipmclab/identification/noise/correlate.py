@@ -17,7 +17,7 @@ from typing import Final
 
 import numpy as np
 
-from ipmclab.identification.noise.at_rest import Resting, slope_at_rest
+from ipmclab.identification.noise.at_rest import FEWEST_OF_NOISE, Resting, slope_at_rest
 from ipmclab.identification.noise.blind import Blind, blind_outputs
 from ipmclab.identification.noise.model_error import model_errors
 from ipmclab.identification.noise.pieces import Key, Piece, System, choose_noise, refine_noise, with_constants
@@ -287,7 +287,9 @@ Again = Callable[[Problem, Solution], tuple[Problem, Solution]]
 """The weights and the minimum of a problem, from near it or from elsewhere."""
 
 
-def with_noise(problem: Problem, solution: Solution, yielding: Sequence[int], again: Again) -> Correlated:
+def with_noise(
+    problem: Problem, solution: Solution, yielding: Sequence[int], again: Again, still: Set[Key] = frozenset()
+) -> Correlated:
     """Find the noise of each output of each run in the residuals of a fit.
 
     Parameters
@@ -301,6 +303,8 @@ def with_noise(problem: Problem, solution: Solution, yielding: Sequence[int], ag
         explain: where least squares predicts worse without them, they stay unknowns.
     again : function of (Problem, Solution)
         Least squares once more, where sensors turn out to have zeros or slopes.
+    still : set of (place, output)
+        Sensors that do not drift.
     """
     plain = solution.evaluation
     every, coloured = searched_outputs(problem, plain)
@@ -314,6 +318,7 @@ def with_noise(problem: Problem, solution: Solution, yielding: Sequence[int], ag
         return Correlated(problem, solution, plain, pieces=pieces, blind=blind)
     fewer, near = _without(problem, solution, yielding, {piece.key for piece in searched})
     searched = [piece.among(fewer.unknowns) for piece in searched]
+    searched = [replace(p, allowed=p.allowed._replace(trend=p.allowed.trend and p.key not in still)) for p in searched]
     system = System(fewer, near.evaluation, searched)
     chosen = choose_noise(system)
     shapes = with_constants(system, chosen, drifting)
@@ -337,10 +342,30 @@ def with_noise(problem: Problem, solution: Solution, yielding: Sequence[int], ag
             kept = with_noise(problem, solution, (), again)
             if _left_more(least, kept.problem) > WORSE:  # and that is not what rows at 0 V say of a slope
                 return kept
+        if moving := _slopes_of_model(least, near, fewer, shapes):
+            return with_noise(problem, solution, yielding, again, still | moving)
         plain = least.plain.evaluate(near.theta) if zeros else near.evaluation
         shapes = refine_noise(System(least.plain, plain, searched), shapes)
     pieces |= {piece.key: piece for piece in searched}
     return Correlated(least, near, plain, shapes, pieces, {**blind, **hidden})
+
+
+def _slopes_of_model(problem: Problem, solution: Solution, without: Problem, shapes: Mapping[Key, Shape]) -> set[Key]:
+    """Currents of which the prediction is worse for a slope that rows at 0 V neither show nor exclude.
+
+    Where what is left beside it is white, the model is right, and the slope the sensor's. Where it is not, nobody can
+    tell: a slope that is none of the sensor takes the slow answer of the strip with it, and the readings lie farther
+    from what the parameters predict than without it.
+    """
+    found = set()
+    for key, zero in problem.zeros.items() if isinstance(problem, DriftingProblem) else ():
+        few = np.count_nonzero(problem.readings[key].exact[: problem.record_at(key[0]).resting]) < FEWEST_OF_NOISE
+        unsure = few and not zero.rest.is_shown and (shapes[key].terms.order or shapes[key].terms.walk)
+        if key[1] == "current" and zero.terms.trend and unsure:
+            away = problem.plain.evaluate(solution.theta).residual[problem.pieces[key]][zero.inside]
+            if problem.noise[key] * float(np.std(away)) > WORSE * without.noise[key]:
+                found.add(key)
+    return found
 
 
 def _left_more(without: Problem, problem: Problem) -> float:

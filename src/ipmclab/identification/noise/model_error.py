@@ -22,8 +22,7 @@ def model_errors(
     """The terms that are left to each current of which the noise has a slope or a walk that is none of its sensor.
 
     A slope counts as a drift where the rows at 0 V drift too, or where what is found under voltage is noise that they
-    have; a walk where they walk. Where there are few such rows the noise keeps its walk, and a slope beside which it is
-    white: a model that leaves more than that lacks something slow.
+    have; a walk where they walk. Where there are few such rows nobody can tell, and the noise keeps its terms.
 
     Parameters
     ----------
@@ -44,10 +43,7 @@ def model_errors(
     for key, piece in currents.items():
         shape, own = shapes[key], piece.allowed
         trend, walk = own.trend, own.walk
-        alike = resting[key].is_at_rest_too
-        if alike is None:
-            alike = not (shape.terms.order or shape.terms.walk)
-        if shape.terms.trend and not alike:
+        if shape.terms.trend and resting[key].is_at_rest_too is False:
             rest = slope_at_rest(problem.record_at(key[0]), key[1], shape, problem.noise[key])
             trend = trend and rest.is_shown
         if shape.terms.walk and len(resting[key].left) >= FEWEST_OF_NOISE:
