@@ -279,6 +279,13 @@ WAVES = ("sine", "square", "multisine", "triangle", "stairs", "stepped down", "s
 SPREAD = np.geomspace(3e-3, 300.0, 24)  # s, time constants of what stands for a constant phase element
 
 
+def spread_circuit(series: float, leak: float, exponent: float, capacitance: float) -> Array:
+    """Entries of a circuit whose branches stand for a constant phase element: some hold more as they are slower."""
+    capacitances = 0.3 * capacitance * (SPREAD / 10.0) ** (1.0 - exponent)
+    branches = np.column_stack([SPREAD / capacitances, capacitances])
+    return np.log(np.concatenate([[series, leak], branches.ravel()]))
+
+
 def waved(number: int) -> tuple[bool, ipmclab.Run]:
     """A record of a strip whose capacitance is spread over all time constants; and whether it may have a zero."""
     generator = np.random.default_rng([SEED, number])
@@ -301,9 +308,9 @@ def waved(number: int) -> tuple[bool, ipmclab.Run]:
     }[kind]
     voltage = volts * shape * (since >= 0.0)
     exponent, series = generator.uniform(0.5, 0.95), np.exp(generator.uniform(np.log(5.0), np.log(60.0)))
-    capacitances = 0.3 * np.exp(generator.uniform(np.log(2e-3), np.log(0.2))) * (SPREAD / 10.0) ** (1.0 - exponent)
+    capacitance = np.exp(generator.uniform(np.log(2e-3), np.log(0.2)))
     leak = np.exp(generator.uniform(np.log(100.0), np.log(5000.0)))
-    entries = np.log(np.concatenate([[series, leak], np.column_stack([SPREAD / capacitances, capacitances]).ravel()]))
+    entries = spread_circuit(series, leak, exponent, capacitance)
     current = circuit_current(entries, voltage, 1.0 / rate)
     if generator.random() < 0.4:
         node = voltage - series * current
@@ -315,9 +322,8 @@ def waved(number: int) -> tuple[bool, ipmclab.Run]:
     return bool(zero or not rest), run
 
 
-def compared_wave(number: int, branches: int) -> Compared:
+def compared_wave(run: ipmclab.Run, branches: int, *, may_have_zero: bool) -> Compared:
     """A fit of one of these beside plain least squares, which takes the zero for none where it is, and rows show it."""
-    may_have_zero, run = waved(number)
     assert run.current is not None
     actuator = with_stages(ipmclab.load_actuator("friend-2"), *(["branches=3"] if branches == 3 else []))
     begin = time.perf_counter()
@@ -404,7 +410,8 @@ def waves_part(trials: int) -> list[str]:
     ratios: dict[tuple[str, int], list[float]] = {}
     for number in range(trials):
         for branches in (2, 3):
-            one = compared_wave(number, branches)
+            may_have_zero, run = waved(number)
+            one = compared_wave(run, branches, may_have_zero=may_have_zero)
             kind = WAVES[number % len(WAVES)]
             ratios.setdefault((kind, branches), []).append(one.ratio)
             print(

@@ -1,5 +1,7 @@
 """A drift beside rows at 0 V: what they say of it counts once, and the zero that they show is that of these rows."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import scipy.linalg
@@ -7,6 +9,7 @@ import scipy.signal
 
 from ipmclab import Run, RunMetadata, identify, load_actuator, simulate
 from ipmclab.identification.diagnostics.left import Left
+from ipmclab.identification.noise.zeros import DriftingProblem
 from ipmclab.identification.solved import solved
 from ipmclab.model import Actuator
 from tests.identification.brief import brief
@@ -102,3 +105,28 @@ def test_a_drift_that_one_run_shows_has_a_zero_beside_it_in_the_other() -> None:
     assert [unknown.name for unknown in found.problem.unknowns][1:] == ["observation.offset.current[0]"]
     constants = [(shape.terms.offset, shape.terms.trend) for shape in found.correlated.shapes.values()]
     assert constants == [(False, True), (True, True)]
+
+
+@pytest.mark.parametrize("inflation", [1.0, 2e4])
+def test_what_is_known_of_a_slope_is_no_part_of_what_is_left(inflation: float) -> None:
+    """Squares of rows whose best zero and slope are taken out hold those of the readings and of what was known."""
+    strip, noise = load_actuator("friend-2"), np.random.default_rng(20261128)
+    clean = simulate(strip, "step 1 V delay=2 s", duration=22.0, rate=25.0)
+    assert clean.current is not None
+    current = clean.current + 2e-3 * clean.time / 22.0 + 1e-4 * noise.standard_normal(len(clean))
+    about = RunMetadata(starts_from_rest=True)
+    run = Run.from_arrays(time=clean.time, voltage=clean.voltage, current=current, metadata=about)
+    fit = brief(strip, run, free="electrical")
+    assert fit.estimate is not None
+    found = fit.estimate.correlated
+    (key,) = found.zeros
+    zero = replace(found.zeros[key], inflation=inflation)
+    assert zero.terms.trend
+    problem = DriftingProblem(found.problem.plain, {key: zero})
+    plain = problem.plain.evaluate(found.solution.theta).residual[problem.pieces[key]]
+    plain = plain + 50.0 * zero.columns[:, -1]  # far from what rows at 0 V say
+    expected = problem.projections[key].expected
+    taken = problem.whitened(key, (plain + expected)[None])[0]
+    left = plain + zero.columns @ problem.constants(key, plain)
+    assert problem.squares(key, taken) == pytest.approx(float(left @ left), rel=1e-9)
+    assert float(taken @ taken) > 1.1 * problem.squares(key, taken)
