@@ -12,7 +12,7 @@ import scipy.signal
 
 from benchmarks.wrong_model import Compared, circuit_current, compared_wave, spread_circuit, waved
 from ipmclab import Run, check, identify, load_actuator, simulate
-from ipmclab.quality.record import rest_rows
+from ipmclab.quality.rows_at_rest import rest_rows
 
 STRIP = load_actuator("friend-2")
 ZERO = "observation.offset.current[0]"

@@ -29,7 +29,7 @@ from ipmclab.prediction.bands import (
 )
 from ipmclab.prediction.in_state import state_in
 from ipmclab.prediction.own_of_mounting import mountings_of_fit, own_names_of_mountings, own_of_mounting
-from ipmclab.quality.record import rest_rows
+from ipmclab.quality.rows_at_rest import rest_rows
 from ipmclab.run import Finding, Run
 
 FloatArray = npt.NDArray[np.float64]

@@ -14,7 +14,7 @@ from ipmclab.identification.problem.free_run import predict
 from ipmclab.identification.problem.record import LONGEST_DELAY, PreparedRun
 from ipmclab.model import Actuator
 from ipmclab.quality.noise import variance_for_means
-from ipmclab.quality.record import rest_rows
+from ipmclab.quality.rows_at_rest import rest_rows
 from ipmclab.run import FloatArray
 from ipmclab.statespace.noise_model import NoiseModel
 

@@ -10,7 +10,8 @@ import numpy as np
 
 from ipmclab.identification.problem.record import LONGEST_DELAY
 from ipmclab.quality.beginning import REPAIR
-from ipmclab.quality.record import Record, rest_rows
+from ipmclab.quality.record import Record
+from ipmclab.quality.rows_at_rest import rest_rows
 from ipmclab.run import Finding
 from ipmclab.units import CHANNELS
 

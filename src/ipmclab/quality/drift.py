@@ -7,7 +7,8 @@ from typing import Final
 
 from ipmclab.confidence import NORMAL_95
 from ipmclab.quality.noise import variance_for_means
-from ipmclab.quality.record import GUARD_ROWS, NO_VOLTAGE, Channel, Record, rest_rows
+from ipmclab.quality.record import GUARD_ROWS, NO_VOLTAGE, Channel, Record
+from ipmclab.quality.rows_at_rest import rest_rows
 from ipmclab.run import Finding, FloatArray
 from ipmclab.units import CHANNELS
 

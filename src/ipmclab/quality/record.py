@@ -33,38 +33,6 @@ _INRUSH: Final = 10.0
 _STANDS: Final = 0.25  # part of the record that the first stretch has to last to be judged (convention)
 
 
-_MOVES: Final = 0.02, 0.002
-"""Of the largest voltage: more is no rest, and less is one, however little its first rows scatter (convention)."""
-_SCATTERS: Final = 5.0  # standard deviations (convention)
-
-
-def rest_rows(run: Run) -> int:
-    """How many rows come before the voltage first moves away from 0, or 0 when it is on from the first.
-
-    A step leaves it at once, a wave slowly: what its first rows scatter over, the half of those before it is surely on,
-    says when. A voltage that never moves rests in every row.
-
-    Examples
-    --------
-    >>> rest_rows(Run.from_arrays(time=[0.0, 1.0, 2.0], voltage=[0.0, 0.001, 1.0]))
-    2
-    >>> rest_rows(Run.from_arrays(time=[0.0, 1.0, 2.0, 3.0], voltage=[0.0, 0.0, 0.01, 1.0]))
-    2
-    """
-    size = np.abs(run.voltage)
-    largest, (most, least) = float(size.max(initial=0.0)), _MOVES
-    on = np.flatnonzero(size > most * largest)
-    if not len(on):
-        return len(run)
-    quiet = run.voltage[: int(on[0])]
-    if not len(quiet):
-        return 0
-    first = quiet[: (len(quiet) + 1) // 2]
-    scatter = max(least * largest, _SCATTERS * float(np.std(first)))
-    moved = np.flatnonzero(np.abs(quiet - np.median(first)) > scatter)
-    return int(moved[0]) if len(moved) else len(quiet)
-
-
 @dataclass(frozen=True, eq=False)
 class Channel:
     """One measured channel: its readings, where it has none, and how noisy it is.

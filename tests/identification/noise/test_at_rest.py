@@ -8,12 +8,9 @@ import scipy.signal
 
 from ipmclab import Run, identify, load_actuator, simulate
 from ipmclab.fit.fit import Fit
-from ipmclab.identification.noise.at_rest import (
-    Resting,
-    is_shown_at_rest,
-    without_spikes,
-)
+from ipmclab.identification.noise.at_rest import Resting, is_shown_at_rest
 from ipmclab.model.variants import with_stages
+from ipmclab.quality.rows_at_rest import without_spikes
 from ipmclab.statespace.shape import Shape, drawn
 from ipmclab.statespace.terms import Terms
 from tests.identification.brief import brief

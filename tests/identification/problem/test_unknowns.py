@@ -10,10 +10,10 @@ import pytest
 from ipmclab import Run, check, load_actuator
 from ipmclab.identification.problem.free import parse_free
 from ipmclab.identification.problem.record import PreparedRun, prepare
-from ipmclab.identification.problem.shown_at_rest import AtRest
 from ipmclab.identification.problem.unknowns import Unknown, unknowns_of
 from ipmclab.identification.search.pose import problem_at
 from ipmclab.identification.search.starts.start import StartingPoint
+from ipmclab.quality.shown_at_rest import AtRest
 
 STRIP = load_actuator("friend-2+relaxation.displacement=2")
 SLOPE = 2e-6

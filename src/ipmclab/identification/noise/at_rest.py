@@ -13,6 +13,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from ipmclab.identification.problem.record import PreparedRun
+from ipmclab.quality.rows_at_rest import without_spikes
 from ipmclab.run import FloatArray
 from ipmclab.statespace.columns import CONSTANTS, Columns, constants, steps_between, without
 from ipmclab.statespace.long_run import long_run
@@ -27,7 +28,6 @@ FEWEST_OF_NOISE: Final = 50
 
 _LAGS: Final = (50, 10, 4)  # parts of the rows at 0 V
 _TIMES: Final = 2.0  # as much as at 0 V, which few rows tell no better than that
-_SPIKE: Final = 5.0  # standard deviations about a resistant line, beyond which a reading is no noise of a sensor
 _SHOWN: Final = 2.0  # standard errors from which a slope at 0 V is one
 
 
@@ -203,36 +203,3 @@ def is_shown_at_rest(each: Sequence[Resting]) -> bool | None:
     likelier = sum(one.likelier_with_slow for one in each)
     penalty = math.log(max(sum(len(one.left) for one in each), 1))
     return None if abs(likelier) <= penalty else likelier > 0.0
-
-
-def without_spikes(time: FloatArray, values: FloatArray, step: float) -> FloatArray:
-    """Readings, those that lie far from a resistant line brought back to where noise would end.
-
-    A wire that is touched before a run gives spikes a hundred times as large as the noise, and least squares would
-    take them for a slope that is not known and for noise that no run has. The line is Tukey's: through the medians of
-    the first and the last third.
-
-    Parameters
-    ----------
-    time : float array, shape (n,) [s]
-    values : float array, shape (n,)
-    step : float
-        Of the converter: nothing is told within it.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> time = np.arange(9.0)
-    >>> without_spikes(time, np.where(time == 4.0, 40.0, 0.1 * time), 0.1).round(2).tolist()
-    [0.0, 0.1, 0.2, 0.3, 0.9, 0.5, 0.6, 0.7, 0.8]
-    """
-    third = len(time) // 3
-    if third == 0:
-        return values
-    first, last = slice(0, third), slice(len(time) - third, None)
-    slope = (np.median(values[last]) - np.median(values[first])) / (np.median(time[last]) - np.median(time[first]))
-    line = slope * (time - np.median(time))
-    line = line + np.median(values - line)
-    away = values - line
-    reach = _SPIKE * max(1.4826 * float(np.median(np.abs(away))), step)
-    return np.where(np.abs(away) > reach, line + np.clip(away, -reach, reach), values)

@@ -13,13 +13,12 @@ import math
 from collections.abc import Callable, Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Final
 
 import numpy as np
 
-from ipmclab.identification.noise.at_rest import FEWEST_OF_NOISE, Resting, slope_at_rest
+from ipmclab.identification.noise.at_rest import Resting, slope_at_rest
 from ipmclab.identification.noise.blind import Blind, blind_outputs
-from ipmclab.identification.noise.model_error import model_errors
+from ipmclab.identification.noise.model_error import WORSE, model_errors, slopes_of_model
 from ipmclab.identification.noise.pieces import Key, Piece, System, choose_noise, refine_noise, with_constants
 from ipmclab.identification.noise.searched_outputs import searched_outputs
 from ipmclab.identification.noise.whitening import CorrelatedProblem
@@ -33,9 +32,6 @@ from ipmclab.statespace.noise_model import NoiseModel
 from ipmclab.statespace.shape import Shape, drawn, spread_by
 from ipmclab.statespace.terms import Terms
 from ipmclab.statespace.whitening import Whitening
-
-WORSE: Final = 1.05
-"""Times what is left with a term (rms): who looks at the curve sees no less."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -342,30 +338,12 @@ def with_noise(
             kept = with_noise(problem, solution, (), again)
             if _left_more(least, kept.problem) > WORSE:  # and that is not what rows at 0 V say of a slope
                 return kept
-        if moving := _slopes_of_model(least, near, fewer, shapes):
+        if isinstance(least, DriftingProblem) and (moving := slopes_of_model(least, near, fewer, shapes)):
             return with_noise(problem, solution, yielding, again, still | moving)
         plain = least.plain.evaluate(near.theta) if zeros else near.evaluation
         shapes = refine_noise(System(least.plain, plain, searched), shapes)
     pieces |= {piece.key: piece for piece in searched}
     return Correlated(least, near, plain, shapes, pieces, {**blind, **hidden})
-
-
-def _slopes_of_model(problem: Problem, solution: Solution, without: Problem, shapes: Mapping[Key, Shape]) -> set[Key]:
-    """Currents of which the prediction is worse for a slope that rows at 0 V neither show nor exclude.
-
-    Where what is left beside it is white, the model is right, and the slope the sensor's. Where it is not, nobody can
-    tell: a slope that is none of the sensor takes the slow answer of the strip with it, and the readings lie farther
-    from what the parameters predict than without it.
-    """
-    found = set()
-    for key, zero in problem.zeros.items() if isinstance(problem, DriftingProblem) else ():
-        few = np.count_nonzero(problem.readings[key].exact[: problem.record_at(key[0]).resting]) < FEWEST_OF_NOISE
-        unsure = few and not zero.rest.is_shown and (shapes[key].terms.order or shapes[key].terms.walk)
-        if key[1] == "current" and zero.terms.trend and unsure:
-            away = problem.plain.evaluate(solution.theta).residual[problem.pieces[key]][zero.inside]
-            if problem.noise[key] * float(np.std(away)) > WORSE * without.noise[key]:
-                found.add(key)
-    return found
 
 
 def _left_more(without: Problem, problem: Problem) -> float:

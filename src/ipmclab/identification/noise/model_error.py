@@ -7,13 +7,21 @@ lacks would be taken off the readings, or make everything slow look like chance.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Final
+
+import numpy as np
 
 from ipmclab.identification.noise.at_rest import FEWEST_OF_NOISE, Resting, is_shown_at_rest, slope_at_rest
 from ipmclab.identification.noise.pieces import Key, Piece
+from ipmclab.identification.noise.zeros import DriftingProblem
 from ipmclab.identification.problem.evaluation import Evaluation
 from ipmclab.identification.problem.problem import Problem
+from ipmclab.identification.search.solve import Solution
 from ipmclab.statespace.search import Allowed
 from ipmclab.statespace.shape import Shape
+
+WORSE: Final = 1.05
+"""Times what is left with a term (rms): who looks at the curve sees no less."""
 
 
 def model_errors(
@@ -50,4 +58,24 @@ def model_errors(
             walk = walk and bool(walks)
         if (trend, walk) != (own.trend, own.walk):
             found[key] = own._replace(trend=trend, walk=walk)
+    return found
+
+
+def slopes_of_model(
+    problem: DriftingProblem, solution: Solution, without: Problem, shapes: Mapping[Key, Shape]
+) -> set[Key]:
+    """Currents of which the prediction is worse for a slope that rows at 0 V neither show nor exclude.
+
+    Where what is left beside it is white, the model is right, and the slope the sensor's. Where it is not, nobody can
+    tell: a slope that is none of the sensor takes the slow answer of the strip with it, and the readings lie farther
+    from what the parameters predict than without it.
+    """
+    found = set()
+    for key, zero in problem.zeros.items():
+        few = np.count_nonzero(problem.readings[key].exact[: problem.record_at(key[0]).resting]) < FEWEST_OF_NOISE
+        unsure = few and not zero.rest.is_shown and (shapes[key].terms.order or shapes[key].terms.walk)
+        if key[1] == "current" and zero.terms.trend and unsure:
+            away = problem.plain.evaluate(solution.theta).residual[problem.pieces[key]][zero.inside]
+            if problem.noise[key] * float(np.std(away)) > WORSE * without.noise[key]:
+                found.add(key)
     return found

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from typing import Final
 
 from ipmclab.confidence import REJECT
-from ipmclab.identification.noise.correlate import WORSE, Correlated
+from ipmclab.identification.noise.correlate import Correlated
+from ipmclab.identification.noise.model_error import WORSE
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.problem.unknowns import Unknown
 from ipmclab.identification.search.descent import minimum_near, start_with_fewer

@@ -16,13 +16,14 @@ import numpy.typing as npt
 
 from ipmclab.fit.observation import Start
 from ipmclab.identification.problem.edge_delay import EdgeDelay
-from ipmclab.identification.problem.shown_at_rest import BEFORE_STEP, AtRest
 from ipmclab.model.numerics.drive import Drive, shifted
 from ipmclab.model.numerics.timeline import timeline
 from ipmclab.model.simulate import series_shunt
 from ipmclab.quality import censored, usable
 from ipmclab.quality.noise import noise_of_readings, quantum_of
-from ipmclab.quality.record import Channel, rest_rows
+from ipmclab.quality.record import Channel
+from ipmclab.quality.rows_at_rest import rest_rows
+from ipmclab.quality.shown_at_rest import BEFORE_STEP, AtRest
 from ipmclab.run import Finding, FloatArray, Hold, Run
 from ipmclab.strip_state.run_state import RunState
 

@@ -1,0 +1,74 @@
+"""Rows at 0 V before the voltage first moves: how many there are, and what they read, touched wires aside."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from ipmclab.run import FloatArray, Run
+
+_MOVES: Final = 0.02, 0.002
+"""Of the largest voltage: more is no rest, and less is one, however little its first rows scatter (convention)."""
+_SCATTERS: Final = 5.0  # standard deviations (convention)
+_SPIKE: Final = 5.0  # standard deviations about a resistant line, beyond which a reading is no noise of a sensor
+
+
+def rest_rows(run: Run) -> int:
+    """How many rows come before the voltage first moves away from 0, or 0 when it is on from the first.
+
+    A step leaves it at once, a wave slowly: what its first rows scatter over, the half of those before it is surely on,
+    says when. A voltage that never moves rests in every row.
+
+    Examples
+    --------
+    >>> rest_rows(Run.from_arrays(time=[0.0, 1.0, 2.0], voltage=[0.0, 0.001, 1.0]))
+    2
+    >>> rest_rows(Run.from_arrays(time=[0.0, 1.0, 2.0, 3.0], voltage=[0.0, 0.0, 0.01, 1.0]))
+    2
+    """
+    size = np.abs(run.voltage)
+    largest, (most, least) = float(size.max(initial=0.0)), _MOVES
+    on = np.flatnonzero(size > most * largest)
+    if not len(on):
+        return len(run)
+    quiet = run.voltage[: int(on[0])]
+    if not len(quiet):
+        return 0
+    first = quiet[: (len(quiet) + 1) // 2]
+    scatter = max(least * largest, _SCATTERS * float(np.std(first)))
+    moved = np.flatnonzero(np.abs(quiet - np.median(first)) > scatter)
+    return int(moved[0]) if len(moved) else len(quiet)
+
+
+def without_spikes(time: FloatArray, values: FloatArray, step: float) -> FloatArray:
+    """Readings, those that lie far from a resistant line brought back to where noise would end.
+
+    A wire that is touched before a run gives spikes a hundred times as large as the noise, and least squares would
+    take them for a slope that is not known and for noise that no run has. The line is Tukey's: through the medians of
+    the first and the last third.
+
+    Parameters
+    ----------
+    time : float array, shape (n,) [s]
+    values : float array, shape (n,)
+    step : float
+        Of the converter: nothing is told within it.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> time = np.arange(9.0)
+    >>> without_spikes(time, np.where(time == 4.0, 40.0, 0.1 * time), 0.1).round(2).tolist()
+    [0.0, 0.1, 0.2, 0.3, 0.9, 0.5, 0.6, 0.7, 0.8]
+    """
+    third = len(time) // 3
+    if third == 0:
+        return values
+    first, last = slice(0, third), slice(len(time) - third, None)
+    slope = (np.median(values[last]) - np.median(values[first])) / (np.median(time[last]) - np.median(time[first]))
+    line = slope * (time - np.median(time))
+    line = line + np.median(values - line)
+    away = values - line
+    reach = _SPIKE * max(1.4826 * float(np.median(np.abs(away))), step)
+    return np.where(np.abs(away) > reach, line + np.clip(away, -reach, reach), values)
