@@ -10,6 +10,7 @@ from typing import Final
 import numpy as np
 
 from ipmclab.confidence import REJECT
+from ipmclab.identification.problem.evaluation import Evaluation
 from ipmclab.identification.problem.free import FreeParameters
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.problem.record import ASSUMED_REST, SHOWS_ZERO, PreparedRun
@@ -70,21 +71,19 @@ def not_at_rest(problem: Problem, solution: Solution) -> set[int]:
     Where rows at 0 V were recorded and no current, force and displacement are not asked (``UNASKED_REST``): there a
     sensor wanders as a strip that creeps does, and under voltage a starting state would follow what the model lacks.
     """
-    tested = [record for record in problem.records if record.start == ASSUMED_REST]
-    if not tested:
-        return set()
-    theta, residual = solution.theta, solution.evaluation.residual
-    basis = np.linalg.qr(solution.evaluation.jacobian)[0]
+    theta, here = solution.theta, solution.evaluation
     found: set[int] = set()
-    for record in tested:
+    for record in problem.records:
+        if record.start != ASSUMED_REST:
+            continue
         by_state = problem.responder.start_columns(
             record, problem.values(theta, record.place), problem.delay(theta, record)
         )
-        columns = np.zeros((len(residual), by_state.shape[2]))
+        columns = np.zeros((len(here.residual), by_state.shape[2]))
         for row, (output, reading) in enumerate(record.readings.items()):
             piece = problem.pieces[record.place, output]
             columns[piece] = by_state[row][reading.used] / problem.noise[record.place, output]
-        if _explains(columns, basis, residual, len(theta)):
+        if _explains(columns, here):
             found.add(record.place)
     return found
 
@@ -95,40 +94,34 @@ def not_at_zero(problem: Problem, solution: Solution) -> set[int]:
     Under a constant voltage a zero looks like the dc path. A wave shows it: asked are runs in which the parameters
     leave of a constant as much as rows at 0 V must show.
     """
-    tested = [record for record in problem.records if record.zero_is_taken and record.zero_is_unseen]
-    if not tested:
-        return set()
-    residual = solution.evaluation.residual
-    basis = np.linalg.qr(solution.evaluation.jacobian)[0]
     found: set[int] = set()
-    for record in tested:
-        column = np.zeros((len(residual), 1))
-        piece = problem.pieces[record.place, "current"]
-        column[piece] = 1.0
-        least = math.sqrt(SHOWS_ZERO / max(len(column[piece]), SHOWS_ZERO))
-        if _explains(column, basis, residual, len(solution.theta), least):
-            found.add(record.place)
+    for record in problem.records:
+        if record.zero_is_taken and record.zero_is_unseen:
+            column = np.zeros((len(solution.evaluation.residual), 1))
+            measured = record.readings["current"].exact_of_used
+            column[problem.pieces[record.place, "current"], 0] = measured
+            least = math.sqrt(SHOWS_ZERO / max(np.count_nonzero(measured), SHOWS_ZERO))
+            if _explains(column, solution.evaluation, least):
+                found.add(record.place)
     return found
 
 
-def _explains(
-    columns: FloatArray, basis: FloatArray, residual: FloatArray, unknowns: int, least: float = _BLIND
-) -> bool:
-    """Whether adding columns to a linearised fit, whose Jacobian has the orthonormal ``basis``, explains too much."""
+def _explains(columns: FloatArray, here: Evaluation, least: float = _BLIND) -> bool:
+    """Whether adding columns to a linearised fit explains too much, where the parameters leave a part of them."""
     from scipy.special import fdtrc
 
     size = np.linalg.norm(columns, axis=0)
     columns = columns[:, size > 0] / size[size > 0]
     if not columns.shape[1]:
         return False
-    vectors, singular, _ = np.linalg.svd(columns - basis @ (basis.T @ columns), full_matrices=False)
+    vectors, singular, _ = np.linalg.svd(columns - here.basis @ (here.basis.T @ columns), full_matrices=False)
     vectors = vectors[:, singular > least]
     added = vectors.shape[1]
-    freedom = len(residual) - unknowns - added
+    freedom = len(here.residual) - here.basis.shape[1] - added
     if not added or freedom < 1:
         return False
-    explained = float(np.sum((vectors.T @ residual) ** 2))
-    remaining = max(float(residual @ residual) - explained, 1e-300)
+    explained = float(np.sum((vectors.T @ here.residual) ** 2))
+    remaining = max(here.cost - explained, 1e-300)
     return bool(fdtrc(added, freedom, explained / added / (remaining / freedom)) < REJECT)
 
 
