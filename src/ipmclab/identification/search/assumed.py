@@ -100,7 +100,7 @@ def not_at_zero(problem: Problem, solution: Solution) -> set[int]:
             column = np.zeros((len(solution.evaluation.residual), 1))
             measured = record.readings["current"].exact_of_used
             column[problem.pieces[record.place, "current"], 0] = measured
-            least = math.sqrt(SHOWS_ZERO / max(np.count_nonzero(measured), SHOWS_ZERO))
+            least = math.sqrt(SHOWS_ZERO / max(int(np.count_nonzero(measured)), SHOWS_ZERO))
             if _explains(column, solution.evaluation, least):
                 found.add(record.place)
     return found
