@@ -23,7 +23,6 @@ from ipmclab.forecasting.doubts import (
 )
 from ipmclab.forecasting.forecast_values import known_channel
 from ipmclab.model import Actuator
-from ipmclab.model.given import need_actuator, need_run
 from ipmclab.model.outputs import simulate_outputs
 from ipmclab.model.request import MOST_ROWS
 from ipmclab.model.simulate import with_shunt
@@ -100,7 +99,6 @@ def read_past(
     actuator = model.actuator if isinstance(model, Fit) else model
     kept: list[Finding] = []
     if actuator is not None:
-        need_actuator(actuator)
         kept += circuit_alone(actuator)
         names_open = left_open(model, channel)
         actuator, open_ratios = without_open_ratios(actuator, channel, names_open)
@@ -161,7 +159,6 @@ def read_past(
 
 def _checked(run: Run, origin: float, horizon: float, channel: str) -> FloatArray:
     known_channel(channel)
-    need_run(run)
     values: FloatArray | None = getattr(run, channel)
     if values is None or not np.isfinite(values).any():
         raise InputError(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Final
 
+from ipmclab.kinds import tell_kinds
 from ipmclab.quality.asked import asked_beyond
 from ipmclab.quality.at_rest import not_at_rest
 from ipmclab.quality.beginning import begins_under_voltage
@@ -56,6 +57,7 @@ _CHECKS: Final[tuple[Callable[[Record], list[Finding]], ...]] = (
 _ORDER: Final = {"error": 0, "warning": 1, "info": 2}  # the order in which findings are listed (convention)
 
 
+@tell_kinds
 def check(run: Run, actuator: Actuator | None = None) -> tuple[Finding, ...]:
     """What is wrong with a record, the gravest first. The run is not changed.
 

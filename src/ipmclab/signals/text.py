@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Final, NoReturn
 
 from ipmclab.errors import InputError, suggest
+from ipmclab.kinds import tell_kinds
 from ipmclab.signals.broadband import Multisine, Prbs, Random
 from ipmclab.signals.files import read_samples
 from ipmclab.signals.samples import Samples
@@ -45,6 +46,7 @@ _PATH: Final = re.compile(r"""\s*("[^"]*"|'[^']*'|\S+)""")
 _BARE_NUMBER: Final = re.compile(r"[+-]?[\d.,]+(?:[eE][+-]?\d+)?|[+-]?(?:nan|inf(?:inity)?)", re.IGNORECASE)
 
 
+@tell_kinds
 def parse(text: str, *, folder: str | Path = "") -> Signal:
     """Read a signal from text.
 
