@@ -127,7 +127,7 @@ def test_one_value_for_all_is_not_what_each_run_has(fits: list[Fit]) -> None:
         (["a"], "labels", r"1 label\(s\) for 2 run\(s\).*give 2, one for each run"),
         (["a", "b", "c"], "labels", r"3 label\(s\) for 2 run\(s\)"),
         ("ab", "labels", r"1 label\(s\) for 2 run\(s\)"),
-        (["a", 2], r"labels[1]", "a label is a text, not a int"),
+        (["a", 2], r"labels[1]", "this is an int, not a text; give a text in quotes"),
     ],
 )
 def test_labels_that_are_not_one_for_each_run_are_refused(labels: list[str], where: str, words: str) -> None:
