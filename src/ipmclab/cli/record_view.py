@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import glob
 import math
+import os
 import sys
 import time
 from collections.abc import Mapping, Sequence
@@ -10,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from ipmclab.cli.output import console, print_paragraph, print_table, read
+from ipmclab.platform import as_typed
 from ipmclab.units import CHANNELS
 
 if TYPE_CHECKING:
@@ -22,6 +25,10 @@ KEYS: Final = "s stop and keep   a abort   z output to 0 V now   m mark"
 
 _REFRESH: Final = 0.2
 """How often [s] the live numbers change: faster than this nobody reads them."""
+
+
+_FEW: Final = 3
+"""Files that are named each for itself where a command is proposed (convention)."""
 
 
 class View:
@@ -167,6 +174,27 @@ def short(path: str) -> str:
     """A path as it is typed here: from the folder in which the command runs, where it is below that."""
     whole, here = Path(path), Path.cwd()
     return str(whole.relative_to(here)) if whole.is_relative_to(here) else path
+
+
+def files_typed(paths: Sequence[str]) -> list[str]:
+    """Files as words of a command: a few as such, more by one pattern a kind of signal, where these name no other file.
+
+    Every verb takes a pattern, whatever the shell does with it.
+
+    Examples
+    --------
+    >>> files_typed(["step.nc", "sine.nc"])
+    ['step.nc', 'sine.nc']
+    """
+    names = [Path(short(path)) for path in paths]
+    kinds = dict.fromkeys((one.parent, one.stem.rsplit("_", 2)[-2]) for one in names if one.stem.count("_") > 1)
+    patterns = []
+    for parent, kind in kinds:
+        begin = os.path.commonprefix([one.name for one in names if one.parent == parent])  # noqa: RUF071  # by letters
+        patterns.append(str(Path(glob.escape(str(parent)), f"{glob.escape(begin)}*_{kind}_*.nc")))
+    meant = [Path(found) for pattern in patterns for found in glob.glob(pattern)]
+    shorter = _FEW < len(names) > len(patterns) and sorted(meant) == sorted(names)
+    return [as_typed(word) for word in (patterns if shorter else map(str, names))]
 
 
 def duration_text(seconds: float) -> str:
