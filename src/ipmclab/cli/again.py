@@ -32,7 +32,7 @@ Free = Annotated[
         metavar="NAMES",
         default_factory=list,
         show_default=False,
-        help="As in identify; of a fitted file, without it, what its fit had freed, also of each run and mounting.",
+        help="As in identify. Unless given, of a fitted file: what its fit had freed, also for each run and mounting.",
     ),
 ]
 
@@ -77,7 +77,7 @@ def bootstrap(
     per_run: PerRun,
     per_mounting: PerMounting,
     prior: Prior,
-    count: Annotated[int, typer.Option(help="How many fits, at least 40.")] = 200,
+    count: Annotated[int, typer.Option(help="How many fits, at least 40.", metavar="N")] = 200,
     scheduler: Scheduler = None,
     workers: Workers = None,
     as_json: Json = False,
