@@ -138,7 +138,7 @@ class _Taken:
             return next((one for one in faults if one is not None), None)
         nouns = self._nouns()
         return InputError(
-            f"{_shown(given)}, not {' or '.join(nouns)}",
+            f"{_shown(given)}, not {' or '.join([', '.join(nouns[:-1]), nouns[-1]] if nouns[1:] else nouns)}",
             code=f"not-{nouns[0].replace(' ', '-')}",
             where=name,
             repair=f"give {self._get(given)}",
@@ -198,7 +198,9 @@ def _read(node: ast.AST, unit: str) -> _Taken:
                 return _read(ast.parse(_ALIASES[word], mode="eval"), unit)
             kind = _KINDS[word]
             return _Taken(
-                (replace(kind, get=f"{kind.get} in {unit}") if unit and word == "float" else kind,), None, or_none=False
+                (replace(kind, get=f"{kind.get} in {unit}") if unit and word in ("float", "ArrayLike") else kind,),
+                None,
+                or_none=False,
             )
     raise KeyError(ast.unparse(node))
 

@@ -77,8 +77,6 @@ def parse(text: str, *, folder: str | Path = "") -> Signal:
     ...     print(error)
     signal 'sien 1 V 0.1 Hz', at 'sien' (character 1): unknown waveform 'sien'; did you mean 'sine'?
     """
-    if not isinstance(text, str):
-        raise InputError(f"{text!r} is not a text", code="bad-signal", where="signal", repair="give 'step 1 V'")
     # What a file holds may have changed since; a long text would fill the memory.
     return _kept(text) if len(text) < _LONG and "file" not in text.lower() else _read(text, str(folder))
 
