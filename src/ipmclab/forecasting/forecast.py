@@ -11,7 +11,7 @@ from ipmclab.fit.fit import Fit
 from ipmclab.forecasting.doubts import reach_finding, table_without
 from ipmclab.forecasting.forecast_values import Forecast, known_channel
 from ipmclab.forecasting.forecasters import HORIZONS, LEARNT, Forecaster, Line, SlowAnswer, judge, past_origins, shown
-from ipmclab.forecasting.past import SETTLE, Past, is_number, read_past
+from ipmclab.forecasting.past import SETTLE, Past, read_past
 from ipmclab.forecasting.stacking import LEADS, half_width, weigh
 from ipmclab.kinds import tell_kinds
 from ipmclab.model import Actuator
@@ -112,7 +112,7 @@ def forecast(
     >>> len(ahead.time), bool(abs(ahead.mean[-1] - run.displacement[750]) < 1e-5)
     (250, True)
     """
-    if not (is_number(level) and 0.0 < level < 1.0):
+    if not 0.0 < level < 1.0:
         raise InputError(
             f"the level is {level!r}, it must lie between 0 and 1",
             code="bad-level",
