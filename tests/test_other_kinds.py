@@ -84,6 +84,15 @@ def test_each_argument_is_told(function: Callable[..., Any], name: str) -> None:
             lambda: ipmclab.simulate_many(FRIEND, [RUN, RUN], duration=1.0, rate=50.0),
             "signals[0].signal: this is a Run, not a signal; give its voltage, run.voltage",
         ),
+        (lambda: FRIEND.simulator(50.0, None), "hold: this is None, not a text; give a text in quotes"),
+        (
+            lambda: FRIEND.frequency_response("1 Hz"),
+            "frequency: '1 Hz' is a str, not an array of numbers; give a list or an array of numbers in Hz",
+        ),
+        (
+            lambda: ipmclab.Run.from_arrays(time=[0.0, 1.0], voltage=None),
+            "voltage: the array has shape (), it must have one",
+        ),
         (lambda: ipmclab.check(RUN, RUN), "actuator: this is a Run, not an actuator; give one that load_actuator read"),
         (
             lambda: ipmclab.profile(FRIEND),
