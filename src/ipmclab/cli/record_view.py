@@ -6,12 +6,13 @@ import glob
 import math
 import os
 import sys
+import textwrap
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from ipmclab.cli.output import console, print_paragraph, print_table, read
+from ipmclab.cli.output import TEXT_WIDTH, console, print_paragraph, print_table, read
 from ipmclab.platform import as_typed
 from ipmclab.units import CHANNELS
 
@@ -147,9 +148,10 @@ def print_plan(plan: Mapping[str, Any], view: View) -> None:
         f"  in all at least {duration_text(plan['seconds'])}{_at_most(plan)}, {plan['rows']} rows; "
         f"needs {needed} of the {free} that are free"
     )
-    view.say("  the guard watches: " + "; ".join(f"{name} {text}" for name, text in plan["limits"].items()))
-    for remark in plan["remarks"]:
-        view.say(f"  remark: {remark}")
+    watched = "; ".join(f"{name} {text}" for name, text in plan["limits"].items())
+    for text in (f"the guard watches: {watched}", *(f"remark: {remark}" for remark in plan["remarks"])):
+        for line in textwrap.wrap(text, TEXT_WIDTH, initial_indent="  ", subsequent_indent="    "):
+            view.say(line)
 
 
 def _at_most(plan: Mapping[str, Any]) -> str:
@@ -161,7 +163,7 @@ def print_results(runs: Sequence[Mapping[str, Any]]) -> None:
     """Print what came of an experiment: each run with what is wrong with it."""
     rows = []
     for run in runs:
-        codes = dict.fromkeys(one["code"] for one in run["findings"])
+        codes = dict.fromkeys(one["code"] for one in run["findings"] if one["code"] != "fingerprint")  # nothing wrong
         rows.append([short(run["path"]), run["purpose"], run["state"], ", ".join(codes) or "nothing found"])
     if rows:
         print_table(["run", "purpose", "state", "findings"], rows)
