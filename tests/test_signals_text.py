@@ -197,7 +197,7 @@ def test_errors_point_at_the_words_that_are_wrong(text: str, at: str, says: str)
 
 
 def test_what_is_not_a_text_is_refused() -> None:
-    with pytest.raises(InputError, match="5 is not a text"):
+    with pytest.raises(InputError, match="text: this is an int, not a text"):
         signals.parse(5)  # type: ignore[arg-type]
 
 

@@ -16,6 +16,7 @@ from ipmclab.campaign.methods import methods
 from ipmclab.campaign.published import READ_AS, curled, reproduced, unprinted
 from ipmclab.campaign.results import RunResult, by_repeat, read_results
 from ipmclab.campaign.state import read_events
+from ipmclab.campaign.template import TEMPLATE
 from ipmclab.cli.app import run
 from ipmclab.comparison.baseline import drift_of
 from ipmclab.comparison.run_metrics import metrics_of_run
@@ -188,7 +189,7 @@ def test_repeats_that_noise_puts_on_either_side_have_their_mean_on_one(name, bes
 
 def test_a_peak_that_did_not_come_is_above_what_the_voltage_was_held(made):
     page = (made[1] / "report.html").read_text(encoding="utf-8")
-    assert re.search(r"above 3\d\.\d+\xa0s", page)
+    assert re.search(r"above\xa03\d\.\d+\xa0s", page)
 
 
 def test_a_kept_run_that_was_lost_comes_back_by_what_the_message_says(made, tmp_path):
@@ -225,6 +226,15 @@ def test_facts_are_those_of_the_strip(made):
     assert set(facts) == set(truth)
     for name, value in truth.items():
         assert abs(facts[name]["value"] - value) < 4.0 * facts[name]["uncertainty"], name
+
+
+def test_the_methods_name_no_limit_that_the_guard_cannot_see():
+    """The current of the template's campaign is read up to 200 mA; its methods said that 300 mA were watched."""
+    campaign = campaign_from_text(TEMPLATE)
+    told = " ".join(methods(campaign, blocks_of(campaign), []))
+    assert "The guard watched: voltage 4 V for 0.02 s, then zero." in told
+    narrower = campaign_from_text(TEMPLATE.replace("300 mA", "150 mA"))
+    assert "; current 150 mA" in " ".join(methods(narrower, blocks_of(narrower), []))
 
 
 def test_the_methods_say_what_was_done(made):

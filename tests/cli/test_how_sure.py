@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shlex
 import subprocess
 import sys
@@ -45,6 +46,11 @@ def test_profile_and_bootstrap_free_what_the_fit_had_freed(command, fitted: Path
     shown = command("profile", "fitted.toml", "step.nc")
     assert "profile's 95 %" in shown.out
     assert "This fit can be used to predict the current" in shown.out
+    (row,) = [line for line in shown.out.splitlines() if line.startswith("circuit.dc_resistivity")]
+    for low, high in re.findall(r"(\S+) to (\S+)", row):  # both ends had four digits, which may be the same
+        assert float(high) - float(low) == pytest.approx(
+            3.92 * fit.parameters["circuit.dc_resistivity"].standard_error, rel=0.1
+        )
     few = command("bootstrap", "fitted.toml", "step.nc", "--count", "5")
     assert few.status == 2
     assert "needs 40" in few.err

@@ -150,6 +150,12 @@ def test_a_run_names_all_that_was_found_in_it(capsys: pytest.CaptureFixture[str]
     assert second.split() == ["b.nc", "signal", "complete", "nothing", "found"]
 
 
+def test_the_numbers_of_a_fingerprint_are_nothing_wrong(capsys: pytest.CaptureFixture[str]) -> None:
+    told = {"state": "complete", "state_reason": "", "purpose": "fingerprint"}
+    print_results([{"path": "a.nc", "findings": [{"code": "fingerprint", "severity": "info"}], **told}])
+    assert capsys.readouterr().out.splitlines()[-1].split() == ["a.nc", "fingerprint", "complete", "nothing", "found"]
+
+
 def test_why_a_run_ended_stands_below_the_table(capsys: pytest.CaptureFixture[str]) -> None:
     """A sentence in a column made each line of the table longer than a screen is wide."""
     why = "the output ran out of samples and holds its last voltage: this computer did not feed it in time"

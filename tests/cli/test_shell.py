@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -47,6 +48,21 @@ def test_each_verb_has_help_with_an_example(command, verb: str) -> None:
     done = command(verb, "--help")
     assert done.status == 0
     assert f"ipmclab {verb}" in done.out.partition("\n")[2]
+
+
+@pytest.mark.parametrize(
+    "words", [(verb,) for verb in VERBS] + [("rig", one) for one in ("check", "prove", "serve", "sheet")]
+)
+def test_help_is_written_for_people(command, words: tuple[str, ...]) -> None:
+    """It had "{RUN...}... <list[Path]>", "--count <int>", and the mark of a paragraph in the one of the page."""
+    text = command(*words, "--help").out
+    assert not re.search(r"<[a-z]|\\b|\{", text), text
+
+
+@pytest.mark.parametrize("words", [(), ("rig",)])
+def test_the_list_of_verbs_has_whole_sentences(command, words: tuple[str, ...]) -> None:
+    listed = command(*words, "--help").out.partition("Commands:")[2].split("\n  ")
+    assert not [line for line in listed if "..." in line]
 
 
 def test_no_word_at_all_shows_the_help(command) -> None:

@@ -30,6 +30,9 @@ def test_from_the_template_to_sobol_indices(command, tmp_path: Path) -> None:
     assert again.status == 0
     assert "1 of 1 files were there already" in again.out
     assert "Sobol indices of displacement.peak" in again.out
+    (row,) = [line.split() for line in again.out.splitlines() if line.startswith("displacement.peak ")]
+    largest = document["metrics"]["displacement.peak"]["largest"]  # [m]: it was printed without a unit
+    assert (float(row[3]), row[-1]) == (pytest.approx(1e3 * largest, rel=1e-4), "mm")
 
 
 def test_workers_give_the_same_files_and_a_figure_shows_them(command, tmp_path: Path) -> None:
@@ -46,7 +49,7 @@ def test_workers_give_the_same_files_and_a_figure_shows_them(command, tmp_path: 
     assert all(words in drawn for words in ("coupling.gain", "magnitude", "force, rms [mN]"))
     told = command("sweep", "m.toml", "--out", "there", "--plot", "m.svg")
     assert (told.status, "m.svg" in told.err) == (2, True)  # it is there already
-    assert "Morris's effects on force.rms" in command("sweep", "m.toml", "--out", "there").out
+    assert "Morris's effects on force.rms along each range, in mN" in command("sweep", "m.toml", "--out", "there").out
     for words in (("--workers", "0"), ("--workers", "2", "--scheduler", "tcp://127.0.0.1:1")):
         assert command("sweep", "m.toml", "--out", "more", *words).status == 2
 

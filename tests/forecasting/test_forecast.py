@@ -99,14 +99,14 @@ def test_a_jump_of_the_rate_is_followed_and_a_spike_in_it_is_not() -> None:
         ({"origin": 90.0}, "origin", "90"),
         ({"origin": float("nan")}, "origin", "nan"),
         ({"origin": 21.0}, "origin", "too soon"),
-        ({"origin": "60 s"}, "origin", "give it in s"),
+        ({"origin": "60 s"}, "origin", "give a number in s"),
         ({"horizon": 0.0}, "horizon", "0.0"),
         ({"horizon": 1e9}, "horizon", "allowed are 20000000"),
-        ({"horizon": "10 s"}, "horizon", "give it in s"),
+        ({"horizon": "10 s"}, "horizon", "give a number in s"),
         ({"channel": "current"}, "channel", "displacement, force"),
         ({"channel": "force"}, "force", "no force"),
         ({"level": 1.0}, "level", "between 0 and 1"),
-        ({"level": "80 %"}, "level", "between 0 and 1"),
+        ({"level": "80 %"}, "level", "not a number"),
     ],
 )
 def test_what_cannot_be_forecast_is_refused(change: dict[str, object], where: str, words: str) -> None:

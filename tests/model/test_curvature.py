@@ -107,7 +107,7 @@ def test_a_shunt_upstream_is_in_series() -> None:
         ([np.nan], r"place 0 is nan m"),
         ([], r"is not a row of places"),
         ([[0.0]], r"is not a row of places"),
-        ("middle", r"'middle' is not a row of places"),
+        ("middle", r"'middle' is a str, not an array of numbers; give a list or an array of numbers in m"),
     ],
 )
 def test_places_off_the_strip_are_refused(positions: object, said: str) -> None:

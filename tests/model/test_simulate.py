@@ -186,7 +186,7 @@ def test_a_shunt_upstream_of_which_the_voltage_was_sensed_stands_in_series(frien
         ({"signal": np.ones((10, 1))}, "the array has shape (10, 1), there are 10 rows"),
         ({"signal": [1.0] * 9 + [np.nan]}, "voltage: row 9 is nan; every row needs the voltage that was applied"),
         ({"signal": [1.0] * 9 + [-np.inf]}, "voltage: row 9 is -inf"),
-        ({"signal": ["one"] * 10}, "voltage: not an array of numbers"),
+        ({"signal": ["one"] * 10}, "signal: this is a list, not a run, a signal, a text or an array of numbers"),
         (
             {"signal": signals.Samples(time=[0.0, 3.0], voltage=[1.0, 1.0])},
             "it reaches to 3 s, the record to 0.2 s; record longer, or shorten the signal",

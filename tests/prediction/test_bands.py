@@ -116,7 +116,7 @@ def test_messages() -> None:
     with pytest.raises(InputError, match="there is no band of 'force': the fit read current alone") as caught:
         prediction_bands(fit, NEW).interval("force")
     assert caught.value.code == "no-band"
-    with pytest.raises(InputError, match="is no fit") as caught:
+    with pytest.raises(InputError, match="this is an Actuator, not a fit") as caught:
         prediction_bands(FRIEND, NEW)  # type: ignore[arg-type]
     assert caught.value.code == "not-a-fit"
     with pytest.raises(InputError, match=r"read_run"):

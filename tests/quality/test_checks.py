@@ -389,6 +389,23 @@ def test_nothing_but_noise_and_no_excitation(read: Read) -> None:
     assert only(baseline, "no-excitation").channel == "voltage"
 
 
+@pytest.mark.parametrize("lower", [-3.6e-6, 0.0, -4.48e-3])
+def test_a_load_cell_that_nothing_presses(read: Read, lower: float) -> None:
+    """A fingerprint with the tip clear of the cell said that its range was too small: 228 readings at -0.0036 mN."""
+    run = read(STEP)
+    noise = np.random.default_rng(20261121).normal(0.0, 1e-4, 2000)
+    metadata = replace(run.metadata, ranges={"force": (lower, 98.07e-3 + lower)})
+    found = check(replace(run, force=noise, metadata=metadata))
+    assert [one.code for one in found if one.channel == "force"] == ["noise-only"]
+    (told,) = [one for one in found if one.channel == "force"]
+    assert ("is the tip on the cell?" in told.repair) == (lower > -1e-3)
+    assert told.message.startswith(
+        "no force is seen: the load cell reads" if lower > -1e-3 else "the force holds nothing"
+    )
+    pressed = replace(run, force=run.force + noise + 1e-3, metadata=metadata)
+    assert "noise-only" not in {one.code for one in check(pressed)}
+
+
 def test_a_current_that_rises(read: Read) -> None:
     run = read(STEP)
     rise = 4e-3 * (1.0 - np.exp(-np.maximum(run.time - 25.0, 0.0) / 5.0))

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from ipmclab.campaign.blocks import Block
 from ipmclab.campaign.campaign import ROOM, Campaign
 from ipmclab.campaign.identified import SampleModel
+from ipmclab.rig.channels import Rig
 from ipmclab.rig.experiments.environments import TargetEnvironment
 from ipmclab.rig.experiments.experiment import Experiment
 from ipmclab.rig.safety.limits import Limits
@@ -103,7 +104,8 @@ def _experiments(campaign: Campaign, blocks: Sequence[Block]) -> Iterator[str]:
     """What was recorded in each experiment; what holds for all of them is said once, before."""
     kinds = [next(iter(part.experiments.values())) for part in campaign.parts]
     between = partial(_between, is_rested=not campaign.is_virtual and campaign.clamped != "for each run")
-    said = [(text, {text(one) for one in kinds} - {""}) for text in (between, _environment, _limits)]
+    limits = partial(_limits, rig=campaign.rig)
+    said = [(text, {text(one) for one in kinds} - {""}) for text in (between, _environment, limits)]
     shared = [text for text, found in said if len(found) == 1]
     common = [found.pop() for _, found in said if len(found) == 1]
     if common:
@@ -149,10 +151,12 @@ def _between(experiment: Experiment, *, is_rested: bool) -> str:
     return text
 
 
-def _limits(experiment: Experiment) -> str:
-    limit_texts = Limits.from_table(experiment.limits).as_text()
-    of = [f"{name.replace('_', ' ')} {limit_texts[name]}" for name in ("voltage", "current") if name in limit_texts]
-    return f"The guard watched: {'; '.join(of)}."
+def _limits(experiment: Experiment, *, rig: Rig) -> str:
+    """What the guard watched of the two that every run has; a limit beyond the range of its channel it cannot see."""
+    limits = Limits.from_table(experiment.limits)
+    unwatched, texts = limits.unwatched(rig, experiment.measured), limits.as_text()
+    of = [f"{name} {texts[name]}" for name in ("voltage", "current") if name in texts and name not in unwatched]
+    return f"The guard watched: {'; '.join(of)}." if of else ""
 
 
 def _checks(campaign: Campaign, events: Sequence[Mapping[str, Any]]) -> str:

@@ -74,7 +74,7 @@ class CampaignPlan:
         parts: dict[str, dict[str, list[str]]] = {}
         for block in self.blocks:
             limits = self.limits[_place(block)]
-            text = ", ".join(f"{name} {limit}" for name, limit in limits.items())
+            text = "; ".join(f"{name} {limit}" for name, limit in limits.items())
             samples = parts.setdefault(block.part, {}).setdefault(text, [])
             if block.strip.sample.id not in samples:
                 samples.append(block.strip.sample.id)

@@ -28,6 +28,7 @@ from ipmclab.fit.fit import Fit
 from ipmclab.fit.interrupted import uninterrupted
 from ipmclab.identification.identify import identify
 from ipmclab.identification.problem.record import READ_OUTPUTS, prepare
+from ipmclab.kinds import tell_kinds
 from ipmclab.model import Actuator
 from ipmclab.one_thread import on_one_thread
 from ipmclab.prediction.validate import run_labels
@@ -46,6 +47,7 @@ _FAULTS: Final = (ArithmeticError, ValueError, np.linalg.LinAlgError)
 """What a fit of an unsuitable model may end in, in addition to our own errors."""
 
 
+@tell_kinds
 @on_one_thread
 def choose(
     runs: Sequence[Run] | Run,

@@ -32,7 +32,7 @@ Free = Annotated[
         metavar="NAMES",
         default_factory=list,
         show_default=False,
-        help="As in identify; of a fitted file, without it, what its fit had freed, also of each run and mounting.",
+        help="As in identify. Unless given, of a fitted file: what its fit had freed, also for each run and mounting.",
     ),
 ]
 
@@ -77,7 +77,7 @@ def bootstrap(
     per_run: PerRun,
     per_mounting: PerMounting,
     prior: Prior,
-    count: Annotated[int, typer.Option(help="How many fits, at least 40.")] = 200,
+    count: Annotated[int, typer.Option(help="How many fits, at least 40.", metavar="N")] = 200,
     scheduler: Scheduler = None,
     workers: Workers = None,
     as_json: Json = False,
@@ -160,6 +160,7 @@ def _freed(fit: Fit) -> tuple[list[str], list[str], list[str]]:
 
 def _print(fit: Fit, found: Mapping[str, tuple[float, float]], title: str) -> None:
     """Print intervals in addition to those of the fit, in the units that people read; then what the fit says."""
+    from ipmclab.fit.rows import digits_of, interval_in_words
     from ipmclab.fit.verdict import verdict
 
     known = fit.actuator.parameters()
@@ -167,9 +168,11 @@ def _print(fit: Fit, found: Mapping[str, tuple[float, float]], title: str) -> No
     for name, ends in found.items():
         one, base = fit.parameters[name], known.get(name.partition("[")[0])
         factor = base.quantity.to_display(1.0) if base is not None else 1.0
-        spans = [" to ".join(significant(factor * end, 4) for end in pair) for pair in (one.interval, ends)]
+        pairs = [(factor * low, factor * high) for low, high in (one.interval, ends)]
+        digits = max(digits_of(factor * one.value, high - low) for low, high in pairs)
         unit = base.quantity.display_unit if base is not None else one.unit
-        rows.append([name, significant(factor * one.value, 5), *spans, unit])
+        spans = [interval_in_words(*pair, digits) for pair in pairs]
+        rows.append([name, significant(factor * one.value, digits), *spans, unit])
     print_table(["parameter", "value", "95 % interval", title, "unit"], rows)
     print_paragraph(verdict(fit))
     outputs = [name for one in fit.observations for name in one.noise]

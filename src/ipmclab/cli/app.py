@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 from typing import Annotated, Any, Final
 
 import typer
-from typer.core import TyperCommand, TyperGroup
+from typer.core import TyperCommand
 
 from ipmclab.cli import (
     again,
@@ -43,7 +43,7 @@ from ipmclab.cli import (
     sweep,
     validate,
 )
-from ipmclab.cli.options import SpreadCommand
+from ipmclab.cli.options import PlainGroup, SpreadCommand
 from ipmclab.cli.output import print_json
 from ipmclab.errors import InputError, IpmclabError
 from ipmclab.version import __version__
@@ -90,7 +90,7 @@ GROUPS: Final = {"rig": rig.rig_app}
 SETTINGS: Final[dict[str, Any]] = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
 
 
-class Verbs(TyperGroup):
+class Verbs(PlainGroup):
     """The verbs, each read when it is asked for: reading the options of all of them takes longer than a short job.
 
     Until then a verb is its name and its help, which is all that the list of verbs shows.
@@ -111,12 +111,6 @@ class Verbs(TyperGroup):
         alone = typer.Typer(add_completion=False, rich_markup_mode=None, context_settings=SETTINGS)
         alone.command(cmd_name, cls=SpreadCommand)(VERBS[cmd_name])
         return typer.main.get_command(alone)
-
-    def format_commands(self, ctx: Any, formatter: Any) -> None:  # noqa: ARG002
-        """List the verbs with the first sentence of each one's help."""
-        room = formatter.width - 6 - max(map(len, self.commands))
-        with formatter.section("Commands"):
-            formatter.write_dl([(name, verb.get_short_help_str(room)) for name, verb in self.commands.items()])
 
 
 app = typer.Typer(

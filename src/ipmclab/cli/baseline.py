@@ -21,7 +21,8 @@ if TYPE_CHECKING:
 def baseline(
     runs: RunFiles,
     displacement: Annotated[
-        str, typer.Option(metavar="LENGTH", help='What a test is expected to show, for example "1.3 mm".')
+        str,
+        typer.Option(metavar="LENGTH", help='The displacement that a test is expected to show, for example "1.3 mm".'),
     ],
     test: Annotated[str, typer.Option(metavar="TIME", help="Length of one test.")] = "40 s",
     share: Annotated[

@@ -50,8 +50,10 @@ def choose(
         str | None,
         typer.Option(metavar="runs|blocks", help="Whole runs (the default for several), or blocks of time."),
     ] = None,
-    blocks: Annotated[int, typer.Option(help="How many blocks are compared, about.")] = 24,
-    folds: Annotated[int, typer.Option(help="How often each model is fitted without a part, at most.")] = 6,
+    blocks: Annotated[int, typer.Option(metavar="N", help="About how many blocks of time are compared.")] = 24,
+    folds: Annotated[
+        int, typer.Option(metavar="N", help="How often, at most, each model is fitted without a part of the readings.")
+    ] = 6,
     out: Annotated[
         Path | None, typer.Option(metavar="FITTED.toml", help="Write the fit of the preferred model.")
     ] = None,

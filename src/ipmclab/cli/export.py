@@ -23,7 +23,10 @@ def export(
             metavar="RUN|ACTUATOR|FOLDER", help="A run (.nc); with --to an actuator, or a folder.", show_default=False
         ),
     ],
-    out: Annotated[Path, typer.Option(metavar="FILE", help="The file to write: .csv, .xlsx, .mat; with --to its own.")],
+    out: Annotated[
+        Path,
+        typer.Option(metavar="FILE", help="The file to write: of a run .csv, .xlsx or .mat; with --to .m or .zip."),
+    ],
     to: Annotated[
         str | None,
         typer.Option(metavar="TOOL", help="matlab: an actuator as .m with its .mat. ro-crate: a folder as a .zip."),

@@ -19,7 +19,7 @@ def identifiability(
         typer.Option(metavar="NAMES", help="What is read: current (unless given), displacement, force."),
     ] = None,
     voltage: Annotated[
-        str, typer.Option(metavar="QUANTITY", help="The largest that is applied; matters to a leak.")
+        str, typer.Option(metavar="QUANTITY", help="The largest voltage that is applied; only a leak depends on it.")
     ] = "3 V",
     as_json: Json = False,
 ) -> None:

@@ -56,7 +56,9 @@ def identify(
     as_json: Json = False,
     thorough: Annotated[
         bool,
-        typer.Option("--thorough", help="Follow profiles and leave out each run where that takes long too."),
+        typer.Option(
+            "--thorough", help="Also where it takes long: follow the profile of each parameter, and leave out each run."
+        ),
     ] = False,
     anyway: Annotated[
         bool, typer.Option("--anyway", help="Fit readings whose unit seems to be off by a factor of 1000 as they are.")

@@ -28,13 +28,13 @@ def next_(
         ),
     ],
     goal: Annotated[str, typer.Option(metavar="GOAL", help="parameters, prediction or model.")] = "parameters",
-    minutes: Annotated[float, typer.Option(metavar="MIN", help="Time on the bench.")] = 15.0,
+    minutes: Annotated[float, typer.Option(metavar="MIN", help="Time on the bench, in minutes.")] = 15.0,
     limit: Annotated[
         list[str] | None,
         typer.Option(
             metavar="NAME=VALUE",
-            help="A limit of the rig, such as current='200 mA'. The voltage is 1.2 V else, and in a campaign as much "
-            "as it applies itself.",
+            help="A limit of the rig, such as current='200 mA'. Unless given, the voltage is at most 1.2 V, in a "
+            "campaign as much as it applies itself.",
         ),
     ] = None,
     inputs: Annotated[
@@ -54,19 +54,28 @@ def next_(
     rate: Annotated[str | None, typer.Option(metavar="RATE", help="Rows each second, such as '50 Hz'.")] = None,
     rest: Annotated[
         str | None,
-        typer.Option(metavar="TIME", help="With each run: 130 s, or what the campaign's plan has, unless given."),
+        typer.Option(
+            metavar="TIME", help="At 0 V with each run. Unless given: 130 s, or what the campaign's plan has."
+        ),
     ] = None,
-    hydration: Annotated[str, typer.Option(metavar="TIME", help="In water before each run.")] = "0 s",
+    hydration: Annotated[
+        str, typer.Option(metavar="TIME", help="How long the strip lies in water before each run.")
+    ] = "0 s",
     wet: Annotated[str | None, typer.Option(metavar="TIME", help="How long the strip stays wet in the air.")] = None,
     soak: Annotated[
         str | None,
         typer.Option(
-            metavar="TIME", help="Before a run in another condition: 30 min, or what the campaign has, unless given."
+            metavar="TIME",
+            help="How long the strip waits in another condition before its run. Unless given: 30 min, or what the "
+            "campaign has.",
         ),
     ] = None,
-    longest: Annotated[str, typer.Option(metavar="TIME", help="Of a signal.")] = "160 s",
+    longest: Annotated[str, typer.Option(metavar="TIME", help="The longest signal that is proposed.")] = "160 s",
     draws: Annotated[
-        int, typer.Option(metavar="N", help="Average over so many values that the fit allows, not at its own alone.")
+        int,
+        typer.Option(
+            metavar="N", help="Average over N sets of values that the fit allows, and not over its own alone."
+        ),
     ] = 0,
     posterior: Annotated[
         list[Path] | None,
@@ -77,12 +86,14 @@ def next_(
     ] = None,
     fits: Annotated[
         list[Path] | None,
-        typer.Option("--fit", metavar="FIT", help="Of a sample of the campaign; else it is identified here."),
+        typer.Option(
+            "--fit", metavar="FIT", help="A fit of a sample of the campaign; a sample without one is identified here."
+        ),
     ] = None,
     free: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="NAMES", help="What is identified of the samples of a campaign: circuit and coupling else."
+            metavar="NAMES", help="What is identified of the samples of a campaign. Unless given: circuit and coupling."
         ),
     ] = None,
     append: Annotated[
@@ -91,8 +102,8 @@ def next_(
     yes: Annotated[bool, typer.Option("--yes", help="Append without asking.")] = False,
     as_json: Json = False,
 ) -> None:
-    """Propose the next runs: those that give most information on a strip, or of a campaign's, for each minute on the
-    bench.
+    """Propose the next runs of a strip, or of a campaign: those that give most information for each minute
+    on the bench.
 
     \b
     ipmclab next fit.toml --minutes 15

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import glob
+import re
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Final
 
 import typer
-from typer.core import TyperCommand
+from typer.core import TyperArgument, TyperCommand, TyperGroup
 
 from ipmclab.errors import InputError
 from ipmclab.units import Quantity, parse_number, parse_quantity
@@ -50,9 +51,10 @@ Free = Annotated[
     typer.Option(
         metavar="NAMES",
         default_factory=lambda: ["electrical"],
-        show_default="electrical",
+        show_default=False,
         help="What is identified: groups (electrical, coupling, leak, relaxation, viscoelastic, clamp, environment) or "
-        "dotted names, age.runs.NAME for how fast a parameter ages; repeat it, or use commas.",
+        "dotted names, age.runs.NAME for how fast a parameter ages; repeat it, or use commas. Unless given: "
+        "electrical.",
     ),
 ]
 PerRun = Annotated[
@@ -81,7 +83,34 @@ Prior = Annotated[
 ]
 
 
-class SpreadCommand(TyperCommand):
+_WHOLE: Final = 1000
+"""Letters: no first sentence is as long."""
+
+
+class PlainGroup(TyperGroup):
+    """Verbs whose list has the whole first sentence of each one's help."""
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:  # noqa: ARG002
+        """Write the list."""
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, verb.get_short_help_str(_WHOLE)) for name, verb in self.commands.items()])
+
+
+class PlainCommand(TyperCommand):
+    """A command whose help names its arguments without their types in Python, and as the usage of others has them."""
+
+    def __init__(self, *arguments: Any, **settings: Any) -> None:
+        super().__init__(*arguments, **settings)
+        for one in self.params:
+            if isinstance(one, TyperArgument):
+                vars(one)["display_type_rich"] = lambda ctx: None  # noqa: ARG005  # typer gives it
+
+    def collect_usage_pieces(self, ctx: Any) -> list[str]:
+        """``ACTUATOR RUN...`` where typer has ``{ACTUATOR} {RUN...}...``."""
+        return [re.sub(r"^\{(.*)\}(\.\.\.)?$", r"\1", piece) for piece in super().collect_usage_pieces(ctx)]
+
+
+class SpreadCommand(PlainCommand):
     """A command that takes patterns of files, and options with several values: ``--runs a.nc b.nc``.
 
     The parser takes one value an option, so ``--runs a.nc b.nc`` is read as ``--runs a.nc --runs b.nc``.

@@ -43,7 +43,7 @@ def page(
     Only this computer reaches it, unless --host says otherwise. It prints its address; Ctrl-C ends it, and a
     recording that runs continues.
 
-    \\b
+    \b
     ipmclab page
     """
     from ipmclab.page.lab import Lab

@@ -30,7 +30,7 @@ def plot(
     force: Force = False,
     as_json: Json = False,
 ) -> None:
-    """Plot runs over time, one panel a channel.
+    """Plot runs over time, one panel for each channel.
 
     \b
     ipmclab plot step.nc sine.nc --out runs.svg

@@ -48,7 +48,7 @@ def posterior(
     figure: Annotated[
         Path | None, typer.Option(metavar="FILE.svg|.png|.pdf", help="Write a figure of all pairs.")
     ] = None,
-    steps: Annotated[int, typer.Option(help="Most steps of each walker.")] = 5000,
+    steps: Annotated[int, typer.Option(metavar="N", help="The largest number of steps of each walker (chain).")] = 5000,
     scheduler: Scheduler = None,
     workers: Workers = None,
     force: Force = False,

@@ -15,7 +15,7 @@ import typer
 
 from ipmclab.cli.options import Answer, Json, Yes, answers_in
 from ipmclab.cli.output import print_json
-from ipmclab.cli.record_view import View, print_plan, print_results, short
+from ipmclab.cli.record_view import View, files_typed, print_plan, print_results, short
 from ipmclab.errors import InputError, IpmclabError
 from ipmclab.platform import as_typed
 from ipmclab.toml_file import parse_table, read_text
@@ -372,7 +372,7 @@ def _finish(terminal: Terminal, last: Message, as_json: bool) -> None:
             raise typer.Exit(error.exit_status)
         raise error
     if not as_json and values["runs"]:
-        kept = [as_typed(short(run["path"])) for run in values["runs"] if run["purpose"] != "fingerprint"]
-        print(f"next: ipmclab check {' '.join(kept)}")
+        kept = [run["path"] for run in values["runs"] if run["purpose"] != "fingerprint"]
+        print(f"next: ipmclab check {' '.join(files_typed(kept))}")
     if terminal.interrupted:
         raise SystemExit(INTERRUPTED)

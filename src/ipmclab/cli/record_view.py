@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import glob
 import math
+import os
 import sys
+import textwrap
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from ipmclab.cli.output import console, print_paragraph, print_table, read
+from ipmclab.cli.output import TEXT_WIDTH, console, print_paragraph, print_table, read
+from ipmclab.platform import as_typed
 from ipmclab.units import CHANNELS
 
 if TYPE_CHECKING:
@@ -22,6 +26,10 @@ KEYS: Final = "s stop and keep   a abort   z output to 0 V now   m mark"
 
 _REFRESH: Final = 0.2
 """How often [s] the live numbers change: faster than this nobody reads them."""
+
+
+_FEW: Final = 3
+"""Files that are named each for itself where a command is proposed (convention)."""
 
 
 class View:
@@ -140,9 +148,10 @@ def print_plan(plan: Mapping[str, Any], view: View) -> None:
         f"  in all at least {duration_text(plan['seconds'])}{_at_most(plan)}, {plan['rows']} rows; "
         f"needs {needed} of the {free} that are free"
     )
-    view.say("  the guard watches: " + "; ".join(f"{name} {text}" for name, text in plan["limits"].items()))
-    for remark in plan["remarks"]:
-        view.say(f"  remark: {remark}")
+    watched = "; ".join(f"{name} {text}" for name, text in plan["limits"].items())
+    for text in (f"the guard watches: {watched}", *(f"remark: {remark}" for remark in plan["remarks"])):
+        for line in textwrap.wrap(text, TEXT_WIDTH, initial_indent="  ", subsequent_indent="    "):
+            view.say(line)
 
 
 def _at_most(plan: Mapping[str, Any]) -> str:
@@ -154,7 +163,7 @@ def print_results(runs: Sequence[Mapping[str, Any]]) -> None:
     """Print what came of an experiment: each run with what is wrong with it."""
     rows = []
     for run in runs:
-        codes = dict.fromkeys(one["code"] for one in run["findings"])
+        codes = dict.fromkeys(one["code"] for one in run["findings"] if one["code"] != "fingerprint")  # nothing wrong
         rows.append([short(run["path"]), run["purpose"], run["state"], ", ".join(codes) or "nothing found"])
     if rows:
         print_table(["run", "purpose", "state", "findings"], rows)
@@ -167,6 +176,27 @@ def short(path: str) -> str:
     """A path as it is typed here: from the folder in which the command runs, where it is below that."""
     whole, here = Path(path), Path.cwd()
     return str(whole.relative_to(here)) if whole.is_relative_to(here) else path
+
+
+def files_typed(paths: Sequence[str]) -> list[str]:
+    """Files as words of a command: a few as such, more by one pattern a kind of signal, where these name no other file.
+
+    Every verb takes a pattern, whatever the shell does with it.
+
+    Examples
+    --------
+    >>> files_typed(["step.nc", "sine.nc"])
+    ['step.nc', 'sine.nc']
+    """
+    names = [Path(short(path)) for path in paths]
+    kinds = dict.fromkeys((one.parent, one.stem.rsplit("_", 2)[-2]) for one in names if one.stem.count("_") > 1)
+    patterns = []
+    for parent, kind in kinds:
+        begin = os.path.commonprefix([one.name for one in names if one.parent == parent])  # noqa: RUF071  # by letters
+        patterns.append(str(Path(glob.escape(str(parent)), f"{glob.escape(begin)}*_{kind}_*.nc")))
+    meant = [Path(found) for pattern in patterns for found in glob.glob(pattern)]
+    shorter = _FEW < len(names) > len(patterns) and sorted(meant) == sorted(names)
+    return [as_typed(word) for word in (patterns if shorter else map(str, names))]
 
 
 def duration_text(seconds: float) -> str:

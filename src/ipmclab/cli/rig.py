@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
-from ipmclab.cli.options import Json, positive
+from ipmclab.cli.options import Json, PlainCommand, PlainGroup, positive
 from ipmclab.cli.output import (
     finding_document,
     print_findings,
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 SEVERITIES: Final = ("info", "warning", "error")
 
 rig_app = typer.Typer(
+    cls=PlainGroup,
     help="Look at a rig, prove its hardware, serve a stand-in for it.",
     add_completion=False,
     rich_markup_mode=None,
@@ -55,7 +56,9 @@ def check(
         str | None,
         typer.Option(metavar="ACTUATOR", help="The strip that is to be driven; friend-2 unless given."),
     ] = None,
-    amplitude: Annotated[str, typer.Option(metavar="QUANTITY", help="Largest voltage, to both sides.")] = "1 V",
+    amplitude: Annotated[
+        str, typer.Option(metavar="QUANTITY", help="The largest voltage that will be applied, of either sign.")
+    ] = "1 V",
     fail_on: Annotated[
         str | None,
         typer.Option(metavar="|".join(SEVERITIES), help="Exit with 1 on a finding at least this severe."),
@@ -174,7 +177,7 @@ def _channel_document(one: ChannelCheck) -> dict[str, Any]:
     }
 
 
-rig_app.command("check")(check)
-rig_app.command("prove")(prove)
-rig_app.command("serve")(serve)
-rig_app.command("sheet")(sheet)
+rig_app.command("check", cls=PlainCommand)(check)
+rig_app.command("prove", cls=PlainCommand)(prove)
+rig_app.command("serve", cls=PlainCommand)(serve)
+rig_app.command("sheet", cls=PlainCommand)(sheet)

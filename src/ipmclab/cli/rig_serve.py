@@ -30,9 +30,13 @@ def serve(
     rig: Annotated[
         str, typer.Argument(metavar="RIG", help="A rig file (.toml), or thesis: the rig in the library.")
     ] = "thesis",
-    port: Annotated[int, typer.Option(metavar="PORT", help="On 127.0.0.1; 0 for a free one.")] = 0,
+    port: Annotated[int, typer.Option(metavar="PORT", help="The port on 127.0.0.1; 0: any that is free.")] = 0,
     clock: Annotated[
-        str, typer.Option(metavar="real|x10|lock-step", help="Real time, so many times as fast, or as fast as asked.")
+        str,
+        typer.Option(
+            metavar="real|x10|lock-step",
+            help="real: in real time. x10: ten times as fast, or another number. lock-step: as fast as it is asked.",
+        ),
     ] = "real",
     fault: Annotated[
         list[str] | None,

@@ -21,12 +21,16 @@ def sheet(
         ),
     ],
     width: Annotated[
-        str | None, typer.Option(metavar="QUANTITY", help="Of the strip; needed unless --shorted.")
+        str | None,
+        typer.Option(metavar="QUANTITY", help="The width of the strip, for example '5 mm'; needed unless --shorted."),
     ] = None,
     length: Annotated[
-        str | None, typer.Option(metavar="QUANTITY", help="Of the whole strip; needed for point contacts.")
+        str | None,
+        typer.Option(
+            metavar="QUANTITY", help="The length of the whole strip, for example '30 mm'; needed for point contacts."
+        ),
     ] = None,
-    count: Annotated[int, typer.Option(metavar="COUNT", help="Readings, two a second.")] = 20,
+    count: Annotated[int, typer.Option(metavar="N", help="How many readings; it takes two each second.")] = 20,
     zero: Annotated[
         str | None,
         typer.Option(metavar="QUANTITY", help="What the meter read with its four contacts shorted; see --shorted."),

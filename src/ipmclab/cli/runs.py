@@ -33,7 +33,10 @@ def runs(
             show_default=False,
         ),
     ] = None,
-    sample: Annotated[str | None, typer.Option(metavar="ID", help="Alone: the sample's life on one time line.")] = None,
+    sample: Annotated[
+        str | None,
+        typer.Option(metavar="ID", help="The runs of this sample. Without another option: its life on one time line."),
+    ] = None,
     signal: Annotated[str | None, typer.Option(metavar="KIND", help="A waveform, for example step or sine.")] = None,
     amplitude: Annotated[str | None, typer.Option(metavar="RANGE", help='For example "0.9 V..1.1 V".')] = None,
     frequency: Annotated[str | None, typer.Option(metavar="RANGE", help='For example "0.05 Hz..1 Hz".')] = None,
@@ -43,7 +46,9 @@ def runs(
     humidity: Annotated[str | None, typer.Option(metavar="RANGE", help='For example "78 percent..82 percent".')] = None,
     temperature: Annotated[str | None, typer.Option(metavar="RANGE", help='For example "20 degC..25 degC".')] = None,
     since: Annotated[str | None, typer.Option(metavar="DATE", help="For example 2026-11-21.")] = None,
-    until: Annotated[str | None, typer.Option(metavar="DATE", help="The whole day is meant.")] = None,
+    until: Annotated[
+        str | None, typer.Option(metavar="DATE", help="To the end of this day, for example 2026-11-28.")
+    ] = None,
     finding: Annotated[
         list[str] | None, typer.Option(metavar="CODE", help="For example spike; may be repeated.")
     ] = None,

@@ -40,23 +40,30 @@ def simulate(
     duration: Annotated[str, typer.Option(metavar="TIME", help='For example "40 s".')],
     rate: Annotated[str, typer.Option(metavar="FREQUENCY", help='Rows a second, for example "50 Hz".')],
     out: Annotated[Path, typer.Option(metavar="FILE.nc", help="The run to write.")],
-    hold: Annotated[str, typer.Option(metavar="|".join(HOLDS), help="What the voltage does between rows.")] = "zero",
+    hold: Annotated[
+        str,
+        typer.Option(
+            metavar="|".join(HOLDS),
+            help="What the voltage does between two rows. zero: it has the value of the first one. zero-before: it has "
+            "that of the second one. first: a straight line.",
+        ),
+    ] = "zero",
     environment: Annotated[
         str | None,
         typer.Option(
             "--environment",
             "--at",
             metavar="TEXT",
-            help='Of a strip with laws: "25 degC, 45 %RH" or "25 degC, in water"; several with their times, '
-            'straight lines between them, "0 s: 20 degC, 80 %RH; 5 min: 20 degC, 50 %RH"; or a run (.nc) whose air was '
-            "read.",
+            help='The air around a strip whose file has laws: "25 degC, 45 %RH" or "25 degC, in water"; several with '
+            'their times, straight lines between them, "0 s: 20 degC, 80 %RH; 5 min: 20 degC, 50 %RH"; or a run (.nc) '
+            "whose air was read.",
             show_default=False,
         ),
     ] = None,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
-    """Simulate an actuator under a signal and write the run; of a fitted one, report its uncertainty.
+    """Simulate what an actuator answers to a voltage, and write the run; of a fitted one, with its uncertainty.
 
     \b
     ipmclab simulate friend-2 --signal "step 1 V" --duration "40 s" --rate "50 Hz" --out step.nc

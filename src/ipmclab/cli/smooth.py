@@ -15,7 +15,12 @@ from ipmclab.units import CHANNELS, FREQUENCY, parse_quantity
 
 def smooth(
     run: RunFile,
-    below: Annotated[str, typer.Option(metavar="FREQUENCY", help='What is slower stays, for example "5 Hz".')],
+    below: Annotated[
+        str,
+        typer.Option(
+            metavar="FREQUENCY", help='Frequency: what is slower stays, what is faster goes, for example "5 Hz".'
+        ),
+    ],
     out: Annotated[Path, typer.Option(metavar="FILE.nc", help="The run to write.")],
     force: Force = False,
     as_json: Json = False,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, cast
 
@@ -142,12 +143,20 @@ def _document(swept: Swept) -> dict[str, Any]:
 
 
 def _print(swept: Swept, document: dict[str, Any]) -> None:
+    from ipmclab.model.reductions import quantity_of
+
+    def shown(metric: str, value: float, digits: int = 5) -> str:
+        return significant(quantity_of(metric).to_display(value), digits)
+
     rows = [
-        [name, *(significant(one[key], 5) for key in ("smallest", "mean", "largest", "standard_deviation"))]
+        [
+            *(name, *(shown(name, one[key]) for key in ("smallest", "mean", "largest", "standard_deviation"))),
+            quantity_of(name).display_unit,
+        ]
         for name, one in document["metrics"].items()
     ]
-    title = f"{swept.sweep.actuator.name} under {swept.sweep.signal}, {swept.parts.count} sets, in SI units"
-    print_table(["metric", "smallest", "mean", "largest", "standard deviation"], rows, title=title)
+    title = f"{swept.sweep.actuator.name} under {swept.sweep.signal}, {swept.parts.count} sets"
+    print_table(["metric", "smallest", "mean", "largest", "standard deviation", "unit"], rows, title=title)
     for metric, of_metric in document["sobol_indices"].items():
         rows = [
             [parameter, _of(one["first"], one["first_interval"]), _of(one["total"], one["total_interval"])]
@@ -158,14 +167,16 @@ def _print(swept: Swept, document: dict[str, Any]) -> None:
         rows = [
             [
                 parameter,
-                _of(one["magnitude"], one["magnitude_interval"], lambda value: significant(value, 3)),
-                significant(one["mean"], 3),
-                significant(one["standard_deviation"], 3),
+                _of(one["magnitude"], one["magnitude_interval"], partial(shown, metric, digits=3)),
+                shown(metric, one["mean"], 3),
+                shown(metric, one["standard_deviation"], 3),
             ]
             for parameter, one in of_metric.items()
         ]
         head = ["parameter", "magnitude (95 %)", "mean", "standard deviation"]
-        print_table(head, rows, title=f"Morris's effects on {metric} along each range, in SI units")
+        print_table(
+            head, rows, title=f"Morris's effects on {metric} along each range, in {quantity_of(metric).display_unit}"
+        )
     if swept.found:
         print(f"{swept.found} of {swept.parts.files} files were there already")
     print(f"wrote {swept.parts.folder}")

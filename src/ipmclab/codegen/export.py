@@ -10,6 +10,7 @@ from typing import Final
 from ipmclab.codegen import matlab
 from ipmclab.destination import target_of
 from ipmclab.errors import InputError, suggest
+from ipmclab.kinds import tell_kinds
 from ipmclab.model import Actuator
 
 Covariance = Mapping[str, Mapping[str, float]]
@@ -22,6 +23,7 @@ TARGETS: Final[dict[str, tuple[str, Named, Writer]]] = {"matlab": (".m", matlab.
 A new one is a file beside ``matlab.py``."""
 
 
+@tell_kinds
 def export_actuator(
     actuator: Actuator,
     path: str | os.PathLike[str],

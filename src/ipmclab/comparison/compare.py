@@ -19,6 +19,7 @@ from ipmclab.comparison.sine_response import SineResponse, sine_responses
 from ipmclab.comparison.table import RunRow, row_of
 from ipmclab.comparison.trends import Trend, trend_of
 from ipmclab.errors import InputError, suggest
+from ipmclab.kinds import tell_kinds
 from ipmclab.model.actuator import Actuator
 from ipmclab.one_thread import on_one_thread
 from ipmclab.quality.check import check
@@ -198,6 +199,7 @@ class Comparison:
 _SIGNED: Final = ("back_relaxation", "phase", "steady_value")
 
 
+@tell_kinds
 @on_one_thread
 def compare(
     runs: Sequence[Run | str | os.PathLike[str]],
@@ -242,13 +244,6 @@ def compare(
     ['1.76 mN', '3.52 mN', '5.28 mN']
     """
     factors = chosen_factors(by)
-    if isinstance(runs, (str, os.PathLike, Run)):
-        raise InputError(
-            f"this is {'one run' if isinstance(runs, Run) else 'the name of one file'}, not a list of runs",
-            code="not-runs",
-            where="compare",
-            repair="give a list: compare([run, ...])",
-        )
     if not runs:
         raise InputError("no runs are given", code="no-runs", where="compare", repair="give two runs or more")
     reader = _Reader({one.sample.id: one for one in strips if one.sample is not None})

@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.errors import InputError
+from ipmclab.kinds import tell_kinds
 from ipmclab.model.assemble import System
 from ipmclab.model.numerics.reduce import small_signal
 from ipmclab.model.ports import choose_outputs
@@ -108,6 +109,7 @@ class FrequencyResponse:
         )
 
 
+@tell_kinds
 def frequency_response(run: Run, channel: str = "displacement", *, skip: int | None = None) -> FrequencyResponse:
     """The best linear approximation of a strip from one run with a periodic signal.
 

@@ -7,8 +7,10 @@ from contextlib import contextmanager
 
 from ipmclab.engine.engine import Engine, Here
 from ipmclab.errors import InputError
+from ipmclab.kinds import tell_kinds
 
 
+@tell_kinds
 @contextmanager
 def opened(*, scheduler: str | None = None, workers: int | None = None) -> Iterator[Engine]:
     """The engine that was asked for, until the work is done; this process where nothing was.

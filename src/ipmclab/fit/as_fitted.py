@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any, Final
+from typing import Final
 
 from ipmclab.errors import InputError
 from ipmclab.fit.fit import Fit
@@ -42,23 +42,6 @@ def why_changed(fit: Fit) -> str:
     moved += [f"the stated uncertainty of {name}" for name in changed_names]
     verb = "is no longer what it was" if len(moved) == 1 else "are no longer what they were"
     return f"{listed(moved)} {verb} when its fit was made" if moved else ""
-
-
-def need_fit(fit: Any) -> None:
-    """Refuse what is no fit.
-
-    Raises
-    ------
-    InputError
-    """
-    if not isinstance(fit, Fit):
-        kind = type(fit).__name__
-        raise InputError(
-            f"{'an' if kind[0] in 'AEIOUaeiou' else 'a'} {kind} is no fit",
-            code="not-a-fit",
-            where="fit",
-            repair="give what identify returned, or read_fit(path) of what write_fit wrote",
-        )
 
 
 def need_as_fitted(fit: Fit) -> None:

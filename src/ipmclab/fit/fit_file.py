@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 from ipmclab.errors import InputError
-from ipmclab.fit.as_fitted import need_fit
 from ipmclab.fit.fit import Direction, Fit, FittedParameter
 from ipmclab.fit.fit_table_check import BadTable, check_fit_table
 from ipmclab.fit.known import Known
@@ -19,12 +18,14 @@ from ipmclab.fit.practical import Practical
 from ipmclab.fit.profile import Profile
 from ipmclab.fit.row_marks import RowMarks
 from ipmclab.fit.unmodelled import Unmodelled
+from ipmclab.kinds import tell_kinds
 from ipmclab.model import Actuator, load_actuator, write_actuator
 from ipmclab.run import Finding
 from ipmclab.statespace.noise_model import NoiseModel
 from ipmclab.strip_state.run_state import RunState
 
 
+@tell_kinds
 def write_fit(fit: Fit, path: str | Path, *, overwrite: bool = False) -> None:
     """Write a fit as an actuator's file with a ``[fit]`` table, which ``simulate`` accepts.
 
@@ -40,10 +41,10 @@ def write_fit(fit: Fit, path: str | Path, *, overwrite: bool = False) -> None:
     InputError
         The file exists, or cannot be written.
     """
-    need_fit(fit)
     write_actuator(fit.actuator, path, overwrite=overwrite)
 
 
+@tell_kinds
 def read_fit(path: str | Path) -> Fit:
     """Read a fit that ``write_fit`` wrote. Residuals are not kept: they follow from the runs.
 

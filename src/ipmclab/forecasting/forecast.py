@@ -11,10 +11,10 @@ from ipmclab.fit.fit import Fit
 from ipmclab.forecasting.doubts import reach_finding, table_without
 from ipmclab.forecasting.forecast_values import Forecast, known_channel
 from ipmclab.forecasting.forecasters import HORIZONS, LEARNT, Forecaster, Line, SlowAnswer, judge, past_origins, shown
-from ipmclab.forecasting.past import SETTLE, Past, is_number, read_past
+from ipmclab.forecasting.past import SETTLE, Past, read_past
 from ipmclab.forecasting.stacking import LEADS, half_width, weigh
+from ipmclab.kinds import tell_kinds
 from ipmclab.model import Actuator
-from ipmclab.model.given import need_actuator
 from ipmclab.model.stages.relaxation import mode_name
 from ipmclab.run import Run
 
@@ -24,6 +24,7 @@ FEWEST_ORIGINS: Final = 10
 """Past forecasts from which their misses are known (convention)."""
 
 
+@tell_kinds
 def with_slow_modes(
     actuator: Actuator, *, channel: str = "displacement", shortest: float = 0.4, longest: float = 60.0, modes: int = 9
 ) -> Actuator:
@@ -47,7 +48,6 @@ def with_slow_modes(
     [1.0, 10.0, 100.0]
     """
     known_channel(channel)
-    need_actuator(actuator)
     prefix = mode_name(channel)
     values = {name: value for name, value in actuator.parameter_values.items() if not name.startswith(prefix)}
     for place, time_constant in enumerate(np.geomspace(shortest, longest, modes)):
@@ -63,6 +63,7 @@ def with_slow_modes(
     )
 
 
+@tell_kinds
 def forecast(
     model: Actuator | Fit | None,
     run: Run,
@@ -111,7 +112,7 @@ def forecast(
     >>> len(ahead.time), bool(abs(ahead.mean[-1] - run.displacement[750]) < 1e-5)
     (250, True)
     """
-    if not (is_number(level) and 0.0 < level < 1.0):
+    if not 0.0 < level < 1.0:
         raise InputError(
             f"the level is {level!r}, it must lie between 0 and 1",
             code="bad-level",

@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
-from numbers import Real
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -23,7 +22,6 @@ from ipmclab.forecasting.doubts import (
 )
 from ipmclab.forecasting.forecast_values import known_channel
 from ipmclab.model import Actuator
-from ipmclab.model.given import need_actuator, need_run
 from ipmclab.model.outputs import simulate_outputs
 from ipmclab.model.request import MOST_ROWS
 from ipmclab.model.simulate import with_shunt
@@ -100,7 +98,6 @@ def read_past(
     actuator = model.actuator if isinstance(model, Fit) else model
     kept: list[Finding] = []
     if actuator is not None:
-        need_actuator(actuator)
         kept += circuit_alone(actuator)
         names_open = left_open(model, channel)
         actuator, open_ratios = without_open_ratios(actuator, channel, names_open)
@@ -161,21 +158,12 @@ def read_past(
 
 def _checked(run: Run, origin: float, horizon: float, channel: str) -> FloatArray:
     known_channel(channel)
-    need_run(run)
     values: FloatArray | None = getattr(run, channel)
     if values is None or not np.isfinite(values).any():
         raise InputError(
             f"the run has no {channel}", code="no-readings", where=channel, repair="give a run that measured it"
         )
     first, last = float(run.time[0]), float(run.time[-1])
-    for name, given in (("origin", origin), ("horizon", horizon)):
-        if not is_number(given):
-            raise InputError(
-                f"the {name} is {given!r}, it must be a number",
-                code=f"bad-{name}",
-                where=name,
-                repair=f"give it in s, such as {name}=30.0",
-            )
     if not (first < origin <= last + 1e-9):
         raise InputError(
             f"the origin {origin!r} s lies outside the run, which lasts from {first:.6g} s to {last:.6g} s",
@@ -191,11 +179,6 @@ def _checked(run: Run, origin: float, horizon: float, channel: str) -> FloatArra
             repair="give it in s, such as 10",
         )
     return values
-
-
-def is_number(given: Any) -> bool:
-    """Whether something is a real number, and no truth value."""
-    return isinstance(given, Real) and not isinstance(given, bool)
 
 
 def _until(run: Run, past: int) -> Run:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence, Set
-from os import PathLike
 from typing import Final
 
 import numpy as np
@@ -13,7 +12,6 @@ from ipmclab.identification.problem.free import FreeParameters
 from ipmclab.identification.problem.record import READ_OUTPUTS, PreparedRun, label_of
 from ipmclab.model import Actuator
 from ipmclab.model.declared import outputs_of, stage_outputs
-from ipmclab.model.given import need_run
 from ipmclab.model.stages.circuit import SERIES
 from ipmclab.quality.noise import noise_level
 from ipmclab.quality.record import NO_VOLTAGE
@@ -23,17 +21,15 @@ _ABOVE_NOISE: Final = 10.0  # times the noise: no white noise reaches it (conven
 
 
 def given_runs(runs: Sequence[Run] | Run) -> list[Run]:
-    """The runs of a fit; ``InputError`` where there are none, or one is no run."""
-    given = [runs] if isinstance(runs, (Run, str, PathLike)) else list(runs)
+    """The runs of a fit; ``InputError`` where there are none."""
+    given = [runs] if isinstance(runs, Run) else list(runs)
     if not given:
         raise InputError("no runs were given", code="no-runs", where="runs", repair="give at least one run")
-    for place, run in enumerate(given):
-        need_run(run, where=f"runs[{place}]")
     return given
 
 
-def given_labels(labels: Sequence[str] | None, runs: int) -> list[str] | None:
-    """The short names of the runs; ``InputError`` where these are not as many, or no texts."""
+def given_labels(labels: str | Sequence[str] | None, runs: int) -> list[str] | None:
+    """The short names of the runs; ``InputError`` where these are not as many."""
     if labels is None:
         return None
     given = [labels] if isinstance(labels, str) else list(labels)
@@ -44,14 +40,6 @@ def given_labels(labels: Sequence[str] | None, runs: int) -> list[str] | None:
             where="labels",
             repair=f"give {runs}, one for each run in the order of the runs, or none",
         )
-    for place, label in enumerate(given):
-        if not isinstance(label, str):
-            raise InputError(
-                f"a label is a text, not a {type(label).__name__}",
-                code="bad-labels",
-                where=f"labels[{place}]",
-                repair="give each run a short name, or leave labels out",
-            )
     return given
 
 

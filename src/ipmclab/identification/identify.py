@@ -36,9 +36,10 @@ from ipmclab.identification.problem.priors import prior_findings, with_priors
 from ipmclab.identification.problem.record import disambiguated, places_of_mountings, prepare
 from ipmclab.identification.search.another_coupling import motion_of_another_coupling
 from ipmclab.identification.solved import Estimate
+from ipmclab.kinds import tell_kinds
 from ipmclab.model import Actuator
 from ipmclab.model.declared import electrical
-from ipmclab.model.given import need_actuator, need_each_once
+from ipmclab.model.given import need_each_once
 from ipmclab.model.order import Order
 from ipmclab.model.stages.leak import SLOW_TIME
 from ipmclab.one_thread import on_one_thread
@@ -50,6 +51,7 @@ from ipmclab.run import Finding, Run
 from ipmclab.strip_state.doubtful import doubtful
 
 
+@tell_kinds
 def identify(
     actuator: Actuator,
     runs: Sequence[Run] | Run,
@@ -58,7 +60,7 @@ def identify(
     per_run: str | Iterable[str] = (),
     per_mounting: str | Iterable[str] = (),
     prior: str | Iterable[str] = (),
-    labels: Sequence[str] | None = None,
+    labels: str | Sequence[str] | None = None,
     progress: OnProgress | None = None,
 ) -> Fit:
     """Identify parameters of an actuator from one or more runs at once.
@@ -112,7 +114,6 @@ def identify(
     >>> round(fit.parameters["circuit.dc_resistivity"].value, 6)
     43.420408
     """
-    need_actuator(actuator)
     given = given_runs(runs)
     named = given_labels(labels, len(given))
     names = parse_free(actuator.parameter_values, free, per_run, per_mounting)

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.errors import InputError, suggest
+from ipmclab.kinds import tell_kinds
 from ipmclab.model import geometry
 from ipmclab.model.assemble import System, assemble
 from ipmclab.model.blocks import Block
@@ -320,9 +321,10 @@ class Actuator(Shown):
         """Names of the states: capacitor voltages [V], coupling states, displacement [m] and velocity [m/s]."""
         return self.system.states
 
+    @tell_kinds
     def simulator(
         self,
-        rate: float,
+        rate: float | str,
         hold: Hold = "zero",
         *,
         initial_state: Mapping[str, float] | npt.ArrayLike | None = None,
@@ -332,7 +334,7 @@ class Actuator(Shown):
 
         Parameters
         ----------
-        rate : float [Hz]
+        rate : float [Hz], or a text such as "50 Hz"
         hold : "zero", "zero-before" or "first"
         initial_state : mapping of state name to float, or array of shape (n_states,), optional
             Rest where it is left out.
@@ -341,6 +343,7 @@ class Actuator(Shown):
         """
         return Simulator(self.driven_by(inputs), self.parameter_values, rate, hold, initial_state=initial_state)
 
+    @tell_kinds
     def frequency_response(
         self, frequency: npt.ArrayLike, outputs: Sequence[str] | None = None, *, driven_by: str = "voltage"
     ) -> npt.NDArray[np.complex128]:

@@ -12,6 +12,7 @@ from typing import Any, Final
 
 from ipmclab.destination import replacing
 from ipmclab.errors import InputError, suggest
+from ipmclab.kinds import tell_kinds
 from ipmclab.model import geometry
 from ipmclab.model.actuator import Actuator
 from ipmclab.model.environment import sorption
@@ -40,6 +41,7 @@ def library_names() -> list[str]:
     return sorted(entry.name.removesuffix(".toml") for entry in _LIBRARY.iterdir() if entry.name.endswith(".toml"))
 
 
+@tell_kinds
 def load_actuator(name_or_path: str | Path) -> Actuator:
     """Read an actuator from the library or from a TOML file.
 
@@ -258,6 +260,7 @@ def _read_number(raw: Any, declaration: Declaration, place: str) -> float:
     raise InputError(f"{raw!r} {what}", code="bad-value", where=place, repair=f"write {example}")
 
 
+@tell_kinds
 def write_actuator(actuator: Actuator, path: str | Path, *, overwrite: bool = False) -> None:
     """Write an actuator to a TOML file, from which ``load_actuator`` reads the same floats.
 

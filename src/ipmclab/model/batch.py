@@ -12,7 +12,6 @@ import numpy.typing as npt
 from ipmclab.errors import InputError
 from ipmclab.model import geometry
 from ipmclab.model.actuator import Actuator, unknown_parameter
-from ipmclab.model.given import need_actuator
 from ipmclab.model.ports import OUTPUTS, choose_outputs
 from ipmclab.model.request import check_hold, count_rows, voltage_of
 from ipmclab.run import Hold
@@ -88,7 +87,6 @@ class Batch:
         ------
         InputError
         """
-        need_actuator(actuator)
         voltage = _voltages(signals, record)
         changes = checked_changes(actuator, parameters or {}, sets=len(voltage) if len(voltage) > 1 else None)
         sets = len(next(iter(changes.values()))) if changes else len(voltage)

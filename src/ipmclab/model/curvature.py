@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.errors import InputError
+from ipmclab.kinds import tell_kinds
 from ipmclab.model.actuator import Actuator
 from ipmclab.model.assemble import assemble
 from ipmclab.model.blocks import Block
@@ -21,6 +22,7 @@ from ipmclab.run import Run
 FloatArray = npt.NDArray[np.float64]
 
 
+@tell_kinds
 def curvature(actuator: Actuator, run: Run, positions: npt.ArrayLike) -> FloatArray:
     """The free curvature kappa(x, t) of an actuator under the voltage of a run, from rest.
 

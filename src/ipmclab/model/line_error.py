@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from ipmclab.errors import InputError
+from ipmclab.kinds import tell_kinds
 from ipmclab.model.actuator import Actuator
 from ipmclab.model.stages import line_modes
 
@@ -19,6 +20,7 @@ class ErrorBound(NamedTuple):
     node_voltage: float
 
 
+@tell_kinds
 def line_error_bound(actuator: Actuator) -> ErrorBound:
     """How far an actuator's line by modes can be off, because modes were left out, at any time and for any voltage.
 

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.errors import InputError, suggest
+from ipmclab.kinds import tell_kinds
 from ipmclab.model.actuator import Actuator
 from ipmclab.model.batch import Batch, Record, Signals
 from ipmclab.model.batch_lanes import lanes_of
@@ -102,6 +103,7 @@ def simulate_many(
 ) -> dict[str, FloatArray]: ...
 
 
+@tell_kinds
 def simulate_many(
     actuator: Actuator,
     signals: Signals,

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from ipmclab.errors import InputError, suggest
 from ipmclab.model.ports import OUTPUTS
+from ipmclab.units import CHANNELS, TIME, Quantity
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -48,6 +49,18 @@ REDUCTIONS: Final[dict[str, Reduction]] = {
     ),
 }
 """By the name behind the dot: ``displacement.peak``."""
+
+
+def quantity_of(metric: str) -> Quantity:
+    """What the number of a reduction is.
+
+    Examples
+    --------
+    >>> quantity_of("displacement.peak").display_unit, quantity_of("displacement.peak_time").display_unit
+    ('mm', 's')
+    """
+    output, _, reduction = metric.partition(".")
+    return TIME if reduction == "peak_time" else CHANNELS[output]
 
 
 @dataclass(frozen=True)

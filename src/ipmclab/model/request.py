@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.errors import InputError, suggest
-from ipmclab.run import check_time
+from ipmclab.run import Run, check_time
 from ipmclab.units import FREQUENCY, TIME, parse_quantity
 
 if TYPE_CHECKING:
@@ -209,6 +209,13 @@ def voltage_of(signal: Any, time: FloatArray, duration: Any, rate: float) -> tup
         from ipmclab.signals import parse
 
         signal = parse(signal)
+    if isinstance(signal, Run):
+        raise InputError(
+            "this is a Run, not a signal",
+            code="not-a-signal",
+            where="signal",
+            repair="give its voltage, run.voltage, or simulate(actuator, run)",
+        )
     if not hasattr(signal, "voltage"):
         return checked_voltage(signal, len(time)), None
     signal.check_fits(above_zero("duration", duration, "s"), rate)

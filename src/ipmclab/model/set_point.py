@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.errors import InputError, suggest
+from ipmclab.kinds import tell_kinds
 from ipmclab.model.assemble import System, assemble
 
 if TYPE_CHECKING:
@@ -108,6 +109,7 @@ class SetPoint:
         )
 
 
+@tell_kinds
 def set_point(actuator: Actuator, drive: str = "displacement") -> SetPoint:
     """Judge whether a set point can be held, from the static gain and the zeros of the whole drive.
 

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.errors import InputError, IpmclabError
+from ipmclab.kinds import tell_kinds
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -57,6 +58,7 @@ class Shape:
         return float(self.y[before] + _up(self.angle[before], turn / length, x - self.x[before]))
 
 
+@tell_kinds
 def shape(curvature: npt.ArrayLike, length: float) -> Shape:
     """The shape of a strip of these curvatures: each is that of an arc, one after the other, without a kink.
 
@@ -104,6 +106,7 @@ def shape(curvature: npt.ArrayLike, length: float) -> Shape:
     )
 
 
+@tell_kinds
 def curvature_from_height(height: npt.ArrayLike, x: float) -> FloatArray:
     """The uniform curvature [1/m] of a strip that a laser at x [m] reads at some heights [m].
 
@@ -117,6 +120,7 @@ def curvature_from_height(height: npt.ArrayLike, x: float) -> FloatArray:
     return bent
 
 
+@tell_kinds
 def bending_rigidity(values: Mapping[str, float]) -> float:
     """Y I [N m^2], I = w h^3/12, of an actuator's parameters; with the static modulus.
 
@@ -129,6 +133,7 @@ def bending_rigidity(values: Mapping[str, float]) -> float:
     return values["beam.modulus"] * values["geometry.width"] * values["geometry.thickness"] ** 3 / 12.0
 
 
+@tell_kinds
 def blocked_torque(curvature: npt.ArrayLike, values: Mapping[str, float]) -> FloatArray:
     """The torque [N m] that holds a strip straight which would bend freely with a curvature [1/m]: Y I kappa.
 
@@ -141,6 +146,7 @@ def blocked_torque(curvature: npt.ArrayLike, values: Mapping[str, float]) -> Flo
     return bending_rigidity(values) * np.asarray(curvature, dtype=np.float64)
 
 
+@tell_kinds
 def loaded_shape(curvature: npt.ArrayLike, length: float, *, rigidity: float, force: float) -> Shape:
     """The shape from the clamp to a force that stays normal to the straight strip, added to its free curvature.
 

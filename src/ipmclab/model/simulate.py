@@ -11,11 +11,11 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.errors import InputError
+from ipmclab.kinds import tell_kinds
 from ipmclab.model.actuator import Actuator
 from ipmclab.model.changing import changing_outputs
 from ipmclab.model.environment import Environment, EnvironmentHistory
 from ipmclab.model.environment.in_run import AnyEnvironment, Surroundings, surroundings
-from ipmclab.model.given import need_actuator
 from ipmclab.model.outputs import modal_coefficients, simulate_outputs
 from ipmclab.model.ports import OUTPUTS
 from ipmclab.model.request import check_hold, count_rows, voltage_of
@@ -36,6 +36,7 @@ _SHORT_RECORD: Final = 5000
 _has_simulated = False
 
 
+@tell_kinds
 def simulate(
     actuator: Actuator,
     signal: Run | Signal | str | npt.ArrayLike,
@@ -92,7 +93,6 @@ def simulate(
     >>> len(run), round(1e3 * float(run.current[0]), 3)
     (2000, 60.348)
     """
-    need_actuator(actuator)
     if isinstance(signal, Run):
         return _simulate_run(actuator, signal, duration, rate, initial_state, external_force, environment)
     check_hold(hold)

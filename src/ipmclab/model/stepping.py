@@ -52,7 +52,7 @@ class Simulator:
         self,
         system: System,
         parameters: Mapping[str, float],
-        rate: float,
+        rate: float | str,
         hold: Hold = "zero",
         *,
         initial_state: Mapping[str, float] | npt.ArrayLike | None = None,

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from ipmclab.kinds import tell_kinds
 from ipmclab.model.assemble import assemble
 from ipmclab.model.ports import left_at_rest
 from ipmclab.model.stages.beam import Resonance, resonance
@@ -45,6 +46,7 @@ CODES: Final = (
 """What ``validity`` finds."""
 
 
+@tell_kinds
 def validity(actuator: Actuator, run: Run, signal: Signal | str | None = None) -> tuple[Finding, ...]:
     """Where a predicted run leaves what its actuator holds for.
 

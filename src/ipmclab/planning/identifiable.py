@@ -15,8 +15,8 @@ from ipmclab.identification.problem.free import FreeParameters, parse_free
 from ipmclab.identification.problem.record import READ_OUTPUTS
 from ipmclab.identification.undetermined.closed_form import NOTHING, NOTHING_OF_LAWS, null_space, others, sensitivity
 from ipmclab.identification.undetermined.cures import Cure, cures_of, said_of
+from ipmclab.kinds import tell_kinds
 from ipmclab.model import Actuator
-from ipmclab.model.given import need_actuator
 from ipmclab.run import FloatArray
 from ipmclab.ties import names_by_size
 
@@ -60,6 +60,7 @@ class Identifiability:
     __repr__ = __str__
 
 
+@tell_kinds
 def identifiability(
     actuator: Actuator,
     *,
@@ -103,7 +104,6 @@ def identifiability(
     >>> found.directions[0].cures
     ('measure circuit.sheet_resistance', 'record force', 'record displacement')
     """
-    need_actuator(actuator)
     asked = _outputs(outputs)
     if not (math.isfinite(voltage) and voltage > 0.0):
         raise InputError(

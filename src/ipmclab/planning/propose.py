@@ -10,9 +10,10 @@ from typing import Final, get_args
 
 from ipmclab.confidence import NORMAL_95
 from ipmclab.errors import InputError, suggest
-from ipmclab.fit.as_fitted import need_as_fitted, need_fit
+from ipmclab.fit.as_fitted import need_as_fitted
 from ipmclab.fit.fit import DETERMINED, Fit
 from ipmclab.identification.problem.unknowns import Unknown
+from ipmclab.kinds import tell_kinds
 from ipmclab.model import Actuator
 from ipmclab.planning.answer import FittedStrip
 from ipmclab.planning.candidates import Allowance, Candidate
@@ -34,6 +35,7 @@ MOST_RUNS: Final = 1000
 """Of a plan: the information of the first ones is known before the last ones come."""
 
 
+@tell_kinds
 def propose_runs(
     fit: Fit,
     *,
@@ -281,9 +283,8 @@ def check_asked(fit: Fit, goal: str, minutes: float) -> None:
     Raises
     ------
     InputError
-        No fit, one of another actuator, one without a free parameter, an unknown goal, a time that is not above 0.
+        A fit of another actuator, one without a free parameter, an unknown goal, a time that is not above 0.
     """
-    need_fit(fit)
     need_as_fitted(fit)
     if not any(name in fit.parameters for name in FittedStrip(fit).names):
         raise InputError(

@@ -14,13 +14,13 @@ import numpy.typing as npt
 from ipmclab.destination import replacing
 from ipmclab.engine import Engine
 from ipmclab.errors import InputError, IpmclabError
-from ipmclab.fit.as_fitted import need_fit
 from ipmclab.fit.fit import Fit
 from ipmclab.identification.mountings.mountings import why_unknown
 from ipmclab.identification.problem.stated import stated_covariance
 from ipmclab.identification.problem.unknowns import Unknown
 from ipmclab.identification.search.valleys import Rival
 from ipmclab.identification.solved import Estimate, solved
+from ipmclab.kinds import tell_kinds
 from ipmclab.model.order import Order
 from ipmclab.model.parameters import Parameter
 from ipmclab.posterior.convergence import Convergence, Judgement
@@ -145,6 +145,7 @@ class Posterior:
         return float(np.corrcoef(self.samples[one].ravel(), self.samples[other].ravel())[0, 1])
 
 
+@tell_kinds
 def sample_posterior(
     fit: Fit, *, seed: int = SEED, steps: int = STEPS, engine: Engine | None = None, progress: OnProgress | None = None
 ) -> Posterior:
@@ -193,7 +194,6 @@ def sample_posterior(
     >>> round(found.standard_deviation / fit.parameters["circuit.dc_resistivity"].standard_error, 1)
     1.0
     """
-    need_fit(fit)
     if fit.estimate is None:
         raise InputError(
             "a fit that was read from a file no longer has its readings",
@@ -318,6 +318,7 @@ def _not_converged(judgement: Judgement, steps: int) -> IpmclabError:
     )
 
 
+@tell_kinds
 def write_posterior(posterior: Posterior, path: str | Path, *, overwrite: bool = False) -> None:
     """Write the samples as a netCDF file, which ``arviz.from_netcdf`` reads.
 

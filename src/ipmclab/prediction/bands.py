@@ -12,15 +12,15 @@ import numpy.typing as npt
 from ipmclab.confidence import NORMAL_95, wider_for_few
 from ipmclab.errors import InputError
 from ipmclab.fit.ages import rates_of
-from ipmclab.fit.as_fitted import need_as_fitted, need_fit
+from ipmclab.fit.as_fitted import need_as_fitted
 from ipmclab.fit.fit import Fit
 from ipmclab.fit.mountings import Mounting
 from ipmclab.fit.observation import Observation
 from ipmclab.identification.mountings.common_error import common_covariance
 from ipmclab.identification.problem.record import ending_of, own_endings
+from ipmclab.kinds import tell_kinds
 from ipmclab.measurement.random_effect import FEWEST
 from ipmclab.model import Actuator
-from ipmclab.model.given import need_run
 from ipmclab.model.outputs import simulate_outputs
 from ipmclab.model.sensitivity import sensitivities
 from ipmclab.model.simulate import with_shunt
@@ -104,6 +104,7 @@ class Bands:
         return np.asarray(reach + self.away[output] if output in self.away else reach)
 
 
+@tell_kinds
 def prediction_bands(fit: Fit, run: Run) -> Bands:
     """Simulate a fitted actuator at the voltage of a run that starts at rest, with bands.
 
@@ -146,7 +147,7 @@ def prediction_bands(fit: Fit, run: Run) -> Bands:
     >>> bool(1.9e-4 < np.median(high - bands.predicted["current"]) < 2.1e-4)
     True
     """
-    _need(fit, run)
+    need_as_fitted(fit)
     outputs = noise_outputs(fit)
     hold: Hold = "zero" if run.hold == "unknown" else run.hold
     drive = Drive(run.time, run.voltage, hold, state=state_in(fit, fit.actuator, run), rates=rates_of(fit))
@@ -436,9 +437,3 @@ def noise_between(fit: Fit, output: str, otherwise: FloatArray) -> FloatArray:
     """
     each = [] if fit.mountings is None else [one.noise[output] for one in fit.mountings.each if output in one.noise]
     return np.full_like(otherwise, math.sqrt(sum(noise**2 for noise in each) / len(each))) if each else otherwise
-
-
-def _need(fit: Fit, run: Run) -> None:
-    need_fit(fit)
-    need_run(run, where="run")
-    need_as_fitted(fit)

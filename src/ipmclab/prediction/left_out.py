@@ -12,7 +12,6 @@ import numpy.typing as npt
 
 from ipmclab.confidence import NORMAL_95, REJECT
 from ipmclab.errors import InputError, IpmclabError
-from ipmclab.fit.as_fitted import need_fit
 from ipmclab.fit.fit import DETERMINED, Fit
 from ipmclab.fit.fit_table import changed
 from ipmclab.fit.left_out import LeftOut
@@ -24,6 +23,7 @@ from ipmclab.identification.problem.record import PreparedRun
 from ipmclab.identification.search.solve import descend
 from ipmclab.identification.search.tangent import STRUCTURAL, entry_errors
 from ipmclab.identification.solved import Estimate, solved
+from ipmclab.kinds import tell_kinds
 from ipmclab.measurement.random_effect import FEWEST
 from ipmclab.model.order import Order
 from ipmclab.one_thread import on_one_thread
@@ -46,6 +46,7 @@ FloatArray = npt.NDArray[np.float64]
 _ADDS: Final = 0.01  # part of a variance that a run must take away to be asked what it changes (convention)
 
 
+@tell_kinds
 @on_one_thread
 def leave_one_run_out(fit: Fit, *, progress: OnProgress | None = None) -> Fit:
     """Fit without each run in turn, predict it, and see what it changes.
@@ -85,7 +86,6 @@ def leave_one_run_out(fit: Fit, *, progress: OnProgress | None = None) -> Fit:
     >>> [bool(one.fit_percent["current"] > 98.0) for one in fit.left_out]
     [True, True, True]
     """
-    need_fit(fit)
     if fit.estimate is None:
         raise InputError(
             "a fit that was read from a file holds no runs to leave out",

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from os import PathLike
 from typing import Any, Final
 
 import numpy as np
@@ -24,8 +23,9 @@ from ipmclab.identification.problem.record import (
     label_of,
     prepare,
 )
+from ipmclab.kinds import tell_kinds
 from ipmclab.model import Actuator
-from ipmclab.model.given import need_actuator, need_each_once, need_run
+from ipmclab.model.given import need_each_once
 from ipmclab.model.stages.laser import blank_lost
 from ipmclab.model.validity import validity
 from ipmclab.prediction.bands_of_run import another_mounting, band_of_run, longer_than_fit, own_mounting, place_in
@@ -97,6 +97,7 @@ class Validation(Shown):
         }
 
 
+@tell_kinds
 def validate(actuator: Actuator | Fit, runs: Sequence[Run] | Run, *, used: Iterable[str] = ()) -> Validation:
     """Predict runs from their voltage alone, and score the prediction against what was measured.
 
@@ -139,12 +140,9 @@ def validate(actuator: Actuator | Fit, runs: Sequence[Run] | Run, *, used: Itera
     """
     if isinstance(actuator, Fit):
         actuator = actuator.actuator  # which carries the table of the fit
-    need_actuator(actuator)
-    given = [runs] if isinstance(runs, (Run, str, PathLike)) else list(runs)
+    given = [runs] if isinstance(runs, Run) else list(runs)
     if not given:
         raise InputError("there is no run to predict", code="no-runs", where="runs", repair="give at least one run")
-    for place, run in enumerate(given):
-        need_run(run, where=f"runs[{place}]")
     labels = run_labels(given)
     need_each_once(given, labels)
     fit, wrong = _fit_of(actuator)

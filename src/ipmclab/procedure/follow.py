@@ -9,6 +9,7 @@ from typing import Any, Final
 
 from ipmclab.errors import InputError
 from ipmclab.fit.fit_table import changed
+from ipmclab.kinds import tell_kinds
 from ipmclab.measurement.push import Push
 from ipmclab.measurement.uncertain import Uncertain, derived
 from ipmclab.procedure import dc
@@ -147,6 +148,7 @@ class Compared:
         }
 
 
+@tell_kinds
 def follow_procedure(
     procedure: Procedure,
     *,

@@ -10,6 +10,7 @@ from typing import Any, Final, TypeVar
 import numpy as np
 
 from ipmclab.errors import InputError
+from ipmclab.kinds import tell_kinds
 from ipmclab.measurement.push import USUAL_SCALES, Push
 from ipmclab.measurement.uncertain import Uncertain, exact
 from ipmclab.measurement.written import REPAIR, Written
@@ -43,6 +44,7 @@ _MOST_BRANCHES: Final = 5  # no record distinguishes more (convention; the thesi
 T = TypeVar("T")
 
 
+@tell_kinds
 def read_procedure(path: str | Path) -> Procedure:
     """Read a procedure and the runs that it names, which are in the same folder unless their path says otherwise.
 

@@ -19,6 +19,7 @@ from urllib.parse import quote
 from ipmclab.destination import keep_what_is_read, replacing, target_of
 from ipmclab.errors import InputError
 from ipmclab.extras import package
+from ipmclab.kinds import tell_kinds
 from ipmclab.publication.inventory import CHECKSUMS, Item, RunFacts, checksum, inventory
 from ipmclab.publication.licences import licence_of
 from ipmclab.publication.tables import ABOUT, tables
@@ -43,6 +44,7 @@ _EPOCH: Final = (1980, 1, 1, 0, 0, 0)
 """The date of every file in the archive: the same folder gives the same bytes."""
 
 
+@tell_kinds
 def export_crate(
     folder: str | os.PathLike[str],
     path: str | os.PathLike[str],

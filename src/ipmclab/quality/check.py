@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Final
 
+from ipmclab.kinds import tell_kinds
 from ipmclab.quality.asked import asked_beyond
 from ipmclab.quality.at_rest import not_at_rest
 from ipmclab.quality.beginning import begins_under_voltage
@@ -56,6 +57,7 @@ _CHECKS: Final[tuple[Callable[[Record], list[Finding]], ...]] = (
 _ORDER: Final = {"error": 0, "warning": 1, "info": 2}  # the order in which findings are listed (convention)
 
 
+@tell_kinds
 def check(run: Run, actuator: Actuator | None = None) -> tuple[Finding, ...]:
     """What is wrong with a record, the gravest first. The run is not changed.
 
@@ -106,11 +108,9 @@ def _without_echoes(findings: list[Finding]) -> list[Finding]:
     opposite = {finding.channel for finding in findings if finding.code == "response-opposite"}
 
     moving = {finding.channel for finding in findings if finding.code == "not-at-rest"}
+    unloaded = {finding.channel for finding in findings if finding.values.get("unloaded")}
     stated = [finding for finding in findings if finding.code == "range-limit"]
-    jumped: dict[str | None, set[int]] = {}
-    for finding in findings:
-        if finding.code in ("slip", "spike"):
-            jumped.setdefault(finding.channel, set()).update(row for pair in finding.samples for row in pair)
+    jumped = _jumped(findings)
 
     def is_echo(finding: Finding) -> bool:
         starts = {start for start, _ in finding.samples}
@@ -136,9 +136,20 @@ def _without_echoes(findings: list[Finding]) -> list[Finding]:
                 return finding.channel in moving
             case "possible-range-limit":
                 return finding.channel in clipped
+            case "range-limit":
+                return finding.channel in unloaded
         return False
 
     return [finding for finding in findings if not is_echo(finding)]
+
+
+def _jumped(findings: list[Finding]) -> dict[str | None, set[int]]:
+    """The ends of slips and spikes, by their channels."""
+    found: dict[str | None, set[int]] = {}
+    for finding in findings:
+        if finding.code in ("slip", "spike"):
+            found.setdefault(finding.channel, set()).update(row for pair in finding.samples for row in pair)
+    return found
 
 
 def _covers(one: Finding, other: Finding) -> bool:

@@ -30,17 +30,7 @@ def kept(run: Run, name: str, find: Callable[[], Found]) -> Found:
     name : str
         Of what is found.
     find : callable
-
-    Raises
-    ------
-    InputError
-        What was given is no run.
     """
-    given: Any = run
-    if not isinstance(given, Run):
-        from ipmclab.model.given import need_run
-
-        need_run(given)
     readings = tuple([_print_of(one) for column in _COLUMNS if (one := getattr(run, column)) is not None])
     store: dict[str, tuple[tuple[int, ...], Any]] = run.__dict__.setdefault(_PLACE, {})
     if name not in store or store[name][0] != readings:

@@ -10,6 +10,7 @@ from typing import Final
 import numpy as np
 
 from ipmclab.confidence import NORMAL_95
+from ipmclab.kinds import tell_kinds
 from ipmclab.quality.check import check
 from ipmclab.quality.extreme import HOW, breaks_of, highest
 from ipmclab.quality.kept import kept
@@ -74,6 +75,7 @@ class _Response:
     rest_error: float
 
 
+@tell_kinds
 def measure(run: Run, findings: Sequence[Finding] | None = None) -> tuple[Metric, ...]:
     """The metrics that a run allows, channel by channel.
 

@@ -15,6 +15,8 @@ _BLOCKS: Final = 50  # means of a record that are compared (convention)
 _WINDOWS: Final = (5, 20, 80, 320)  # rows of moving means, each four times the last (convention)
 _SURELY: Final = 8.0
 """Standard errors by which the mean of a current differs from zero that is none of its noise (convention)."""
+_UNLOADED: Final = 4.0
+"""A load cell that reads within so many times its noise of the lower end of its range is not pressed (convention)."""
 _SLOW: Final = 0.2
 """Below this frequency [Hz] an actuator follows the voltage with less than 135 degrees of lag (convention)."""
 
@@ -50,22 +52,37 @@ def nothing_but_noise(record: Record) -> list[Finding]:
     found = []
     for channel in record.channels.values():
         if len(channel.values) >= 4 * _BLOCKS and _is_noise(record, channel):
+            unloaded = _is_unloaded(record, channel)
             found.append(
                 Finding(
                     code="noise-only",
                     severity="warning",
                     channel=channel.name,
                     message=(
-                        f"the {channel.name} holds nothing but noise, {channel.show(channel.noise)}, "
+                        f"no force is seen: the load cell reads {channel.show(float(np.mean(channel.values)))}, "
+                        f"the lower end of its range, with noise of {channel.show(channel.noise)}"
+                        if unloaded
+                        else f"the {channel.name} holds nothing but noise, {channel.show(channel.noise)}, "
                         f"from {channel.show(channel.low)} to {channel.show(channel.high)}"
                         if channel.high > channel.low
                         else f"the {channel.name} reads {channel.show(channel.high)} in every row"
                     ),
-                    repair="do not identify from this channel; check that its instrument was connected and in range",
-                    values={"noise": channel.noise, "low": channel.low, "high": channel.high},
+                    repair="do not identify from this channel; "
+                    + (
+                        "is the tip on the cell?"
+                        if unloaded
+                        else "check that its instrument was connected and in range"
+                    ),
+                    values={"noise": channel.noise, "low": channel.low, "high": channel.high, "unloaded": unloaded},
                 )
             )
     return found
+
+
+def _is_unloaded(record: Record, channel: Channel) -> bool:
+    """Whether readings that are noise are those of a load cell that nothing presses: it can only be pushed."""
+    lower = record.run.metadata.ranges.get("force", (-math.inf, math.inf))[0]
+    return channel.name == "force" and abs(float(np.mean(channel.values)) - lower) <= _UNLOADED * channel.noise
 
 
 def opposite_response(record: Record) -> list[Finding]:

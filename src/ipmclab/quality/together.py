@@ -10,6 +10,7 @@ from typing import Final
 
 import numpy as np
 
+from ipmclab.kinds import tell_kinds
 from ipmclab.quality.metrics import shows_zero
 from ipmclab.quality.record import GUARD_ROWS, Record
 from ipmclab.run import Finding, FloatArray, Run
@@ -20,6 +21,7 @@ _BLOCKS: Final = 20  # means of a difference that are compared (convention)
 _SAME_ALL_THE_TIME: Final = 0.02  # part of an offset by which it may change and still be one (convention)
 
 
+@tell_kinds
 def check_together(runs: Sequence[Run]) -> tuple[Finding, ...]:
     """Compare the runs of one sample whose voltages agree up to a time.
 

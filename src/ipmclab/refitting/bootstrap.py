@@ -14,10 +14,10 @@ import numpy as np
 
 from ipmclab.engine import Engine, Here
 from ipmclab.errors import InputError, IpmclabError
-from ipmclab.fit.as_fitted import need_fit
 from ipmclab.fit.fit import Fit
 from ipmclab.identification.noise.correlate import Correlated
 from ipmclab.identification.solved import solved
+from ipmclab.kinds import tell_kinds
 from ipmclab.one_thread import on_one_thread
 from ipmclab.progress import OnProgress, reporting_to, stage
 from ipmclab.refitting.again import fits_again, fitted, values_of
@@ -58,6 +58,7 @@ class Bootstrap:
     __repr__ = __str__
 
 
+@tell_kinds
 @on_one_thread
 def bootstrap(
     fit: Fit, count: int = 1000, *, seed: int = SEED, engine: Engine | None = None, progress: OnProgress | None = None
@@ -100,7 +101,6 @@ def bootstrap(
     >>> len(bootstrap(fit, 40).samples["circuit.dc_resistivity"])
     40
     """
-    need_fit(fit)
     if count < FEWEST_DRAWS:
         raise InputError(
             f"{count} draws do not give a 95 % interval, which needs {FEWEST_DRAWS}",

@@ -10,7 +10,6 @@ from typing import Final
 import numpy as np
 
 from ipmclab.errors import InputError, suggest
-from ipmclab.fit.as_fitted import need_fit
 from ipmclab.fit.fit import Fit, FittedParameter
 from ipmclab.fit.fit_table import changed
 from ipmclab.fit.profile import Profile
@@ -20,6 +19,7 @@ from ipmclab.identification.solved import Estimate, solved
 from ipmclab.identification.uncertainty.covariance import uncertainty
 from ipmclab.identification.uncertainty.interval import values_within_bounds
 from ipmclab.identification.uncertainty.profile import Point, Walk, held_at
+from ipmclab.kinds import tell_kinds
 from ipmclab.model.order import Order
 from ipmclab.one_thread import on_one_thread
 from ipmclab.progress import OnProgress, reporting_to, stage
@@ -34,6 +34,7 @@ WHY_NOT_PROFILE: Final = (
 _BEYOND: Final = 1.2  # times the way: where a curve ends
 
 
+@tell_kinds
 def profile(fit: Fit, names: str | Iterable[str] | None = None, *, progress: OnProgress | None = None) -> Fit:
     """Follow the likelihood's profile of every parameter of a fit to where its 95 % interval ends.
 
@@ -72,7 +73,6 @@ def profile(fit: Fit, names: str | Iterable[str] | None = None, *, progress: OnP
     >>> fit.profiles["circuit.dc_resistivity"].is_open
     (False, False)
     """
-    need_fit(fit)
     if names is None:
         names = [name for name in fit.parameters if not name.startswith("observation.")]
     wanted = [names] if isinstance(names, str) else list(names)

@@ -10,9 +10,9 @@ import numpy.typing as npt
 
 from ipmclab.engine import Engine, Here
 from ipmclab.errors import InputError
-from ipmclab.fit.as_fitted import need_fit
 from ipmclab.fit.fit import Fit
 from ipmclab.identification.problem.problem import Problem
+from ipmclab.kinds import tell_kinds
 from ipmclab.one_thread import on_one_thread
 from ipmclab.progress import OnProgress, reporting_to, stage
 from ipmclab.refitting.again import Fitted, fits_again, fitted, values_of
@@ -42,6 +42,7 @@ class Refits:
         return self.values[name]
 
 
+@tell_kinds
 @on_one_thread
 def refit(
     fit: Fit,
@@ -87,7 +88,6 @@ def refit(
     >>> refit(fit, [{"current": others["current"]}])["circuit.dc_resistivity"].round(6).tolist()
     [40.0, 50.0]
     """
-    need_fit(fit)
     start = fitted(fit)
     pieces = _differences(start.problem, readings)
     count = len(pieces[0][1]) if pieces else 0

@@ -29,7 +29,7 @@ from ipmclab.reporting.figures.campaign import MOST_COLUMNS, records_figure
 from ipmclab.reporting.page_file import render, write_page
 from ipmclab.reporting.sample_models import ModelPart, model_part
 from ipmclab.reporting.svg import inline_svg
-from ipmclab.reporting.wording import NO_BREAK, plain, spelled_unit, with_error, with_unit
+from ipmclab.reporting.wording import NO_BREAK, in_parts, plain, spelled_unit, with_error, with_unit
 from ipmclab.units import AREAL_MASS, CHANNELS, LENGTH, MASS, Quantity
 
 COLUMNS: Final[Mapping[str, Mapping[str, tuple[str, str]]]] = {
@@ -117,6 +117,7 @@ def report_campaign(
     def page() -> str:
         return render(
             "campaign.html.j2",
+            filters={"in_parts": in_parts},
             title=campaign.title,
             subtitle=f"{len(results)} runs of {len(campaign.strips)} samples on {campaign.rig.name}",
             sentences=[*_sentences(results, len(flagged), printed, blocks), *_of_models(models)],

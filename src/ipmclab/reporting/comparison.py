@@ -17,6 +17,7 @@ from ipmclab.comparison.factors import FACTORS
 from ipmclab.comparison.metric_model import Effect, MetricModel
 from ipmclab.comparison.mixed import RESIDUAL
 from ipmclab.comparison.table import RunRow, table_csv, write_csv
+from ipmclab.kinds import tell_kinds
 from ipmclab.reporting.figures.comparison import ComparedFigure, effects_figure, factor_figures, strips_figures
 from ipmclab.reporting.figures.population import population_figures
 from ipmclab.reporting.figures.responses import response_figures
@@ -34,7 +35,7 @@ _ROWS_SHOWN = 200
 """Runs in the table of the page; all of them are in its data."""
 
 
-Posterior: TypeAlias = "tuple[Mapping[str, Population], Mapping[str, str]]"
+Populations: TypeAlias = "tuple[Mapping[str, Population], Mapping[str, str]]"
 """What ``populations_of`` found of some metrics, and why nothing is reported of others."""
 
 
@@ -49,7 +50,7 @@ class _Shown:
     link: str
 
 
-def comparison_figures(comparison: Comparison, posterior: Posterior | None = None) -> list[ComparedFigure]:
+def comparison_figures(comparison: Comparison, posterior: Populations | None = None) -> list[ComparedFigure]:
     """Every figure of a comparison, each with its data.
 
     Examples
@@ -70,11 +71,12 @@ def comparison_figures(comparison: Comparison, posterior: Posterior | None = Non
     ]
 
 
+@tell_kinds
 def write_comparison(
     comparison: Comparison,
     path: str | Path,
     *,
-    posterior: Posterior | None = None,
+    posterior: Populations | None = None,
     command: str = "",
     overwrite: bool = False,
 ) -> Path:
@@ -107,8 +109,9 @@ def write_comparison(
     )
 
 
+@tell_kinds
 def write_comparison_data(
-    comparison: Comparison, folder: str | Path, *, posterior: Posterior | None = None, overwrite: bool = False
+    comparison: Comparison, folder: str | Path, *, posterior: Populations | None = None, overwrite: bool = False
 ) -> list[Path]:
     """Write the table of a comparison and every figure, each as CSV and as SVG, into a folder.
 
@@ -148,7 +151,7 @@ def figure_csv(figure: ComparedFigure) -> str:
     return stream.getvalue()
 
 
-def comparison_html(comparison: Comparison, *, posterior: Posterior | None = None, command: str = "") -> str:
+def comparison_html(comparison: Comparison, *, posterior: Populations | None = None, command: str = "") -> str:
     """The text of the report of a comparison."""
     shown = [
         _Shown(

@@ -15,9 +15,9 @@ from markupsafe import Markup, escape
 
 from ipmclab.errors import InputError
 from ipmclab.fit.answer import known_title
-from ipmclab.fit.as_fitted import need_fit
 from ipmclab.fit.in_brief import most_important_first
 from ipmclab.fit.verdict import lacks_something
+from ipmclab.kinds import tell_kinds
 from ipmclab.model.validity import CODES as VALIDITY_CODES
 from ipmclab.model.validity import SMALL_BENDING
 from ipmclab.prediction.fitted import fitted_outputs
@@ -59,6 +59,7 @@ class Picture:
     caption: str
 
 
+@tell_kinds
 def report(
     fit: Fit,
     *,
@@ -122,7 +123,6 @@ def html(
     command: str = "",
 ) -> str:
     """The text of the report; its arguments are those of ``report``."""
-    need_fit(fit)
     _same_runs(fit, runs)
     labels = [observation.label for observation in fit.observations]
     fitted = [fitted_outputs(fit, run, place) for place, run in enumerate(runs)]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 
 from ipmclab.prediction.scores import fit_in_words
 from ipmclab.units import Quantity
@@ -86,6 +87,17 @@ def with_error(value: float, error: float) -> str:
     numbers, power = _common([value, error], _decimals(error, 2), max(abs(value), error))
     joined = " ± ".join(numbers)
     return f"({joined}){power}" if power else joined
+
+
+def in_parts(text: str) -> str:
+    """A cell of a narrow column, whose lines end only after a comma, and before what doubts a number.
+
+    Examples
+    --------
+    >>> in_parts("7.6260 ± 0.0012 mA"), in_parts("99.5 % (95 % in the band)")
+    ('7.6260 ±\xa00.0012\xa0mA', '99.5\xa0% (95\xa0%\xa0in\xa0the\xa0band)')
+    """
+    return re.sub(r"(?<!,) (?!±|\(|to )", NO_BREAK, text)
 
 
 def interval(low: float, high: float) -> str:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Final, NoReturn
 
 from ipmclab.errors import InputError, suggest
+from ipmclab.kinds import tell_kinds
 from ipmclab.signals.broadband import Multisine, Prbs, Random
 from ipmclab.signals.files import read_samples
 from ipmclab.signals.samples import Samples
@@ -45,6 +46,7 @@ _PATH: Final = re.compile(r"""\s*("[^"]*"|'[^']*'|\S+)""")
 _BARE_NUMBER: Final = re.compile(r"[+-]?[\d.,]+(?:[eE][+-]?\d+)?|[+-]?(?:nan|inf(?:inity)?)", re.IGNORECASE)
 
 
+@tell_kinds
 def parse(text: str, *, folder: str | Path = "") -> Signal:
     """Read a signal from text.
 
@@ -75,8 +77,6 @@ def parse(text: str, *, folder: str | Path = "") -> Signal:
     ...     print(error)
     signal 'sien 1 V 0.1 Hz', at 'sien' (character 1): unknown waveform 'sien'; did you mean 'sine'?
     """
-    if not isinstance(text, str):
-        raise InputError(f"{text!r} is not a text", code="bad-signal", where="signal", repair="give 'step 1 V'")
     # What a file holds may have changed since; a long text would fill the memory.
     return _kept(text) if len(text) < _LONG and "file" not in text.lower() else _read(text, str(folder))
 

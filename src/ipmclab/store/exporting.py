@@ -6,11 +6,13 @@ import os
 from pathlib import Path
 
 from ipmclab.destination import replacing
+from ipmclab.kinds import tell_kinds
 from ipmclab.run import Run
 from ipmclab.store.document import checked, to_document
 from ipmclab.store.exports.formats import format_of
 
 
+@tell_kinds
 def export_run(run: Run, path: str | os.PathLike[str], *, overwrite: bool = False) -> None:
     """Write a run as a text table, an Excel workbook or a MATLAB file, by the ending of its name.
 

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.errors import InputError
+from ipmclab.kinds import tell_kinds
 from ipmclab.run import QUALITY_FLAGS, FloatArray, Run
 from ipmclab.store.document import locate
 from ipmclab.store.exports.formats import format_of
@@ -29,6 +30,7 @@ _CHANGE = 0.05
 _NO_VOLTAGE = 0.01
 
 
+@tell_kinds
 def import_run(path: str | os.PathLike[str], map: str | os.PathLike[str] | ImportMap | None = None) -> Run:  # noqa: A002
     """Read a foreign record as a run.
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from ipmclab.destination import replacing
 from ipmclab.errors import InputError, IpmclabError
+from ipmclab.kinds import tell_kinds
 from ipmclab.run import QUALITY_FLAGS, SLOW_CHANNELS, Run, raw_name
 from ipmclab.store.document import checked, flat_attributes, from_document, to_document
 from ipmclab.store.heap import refuse_endless_heap
@@ -26,6 +27,7 @@ _HDF5_SIGNATURE: Final = b"\x89HDF\r\n\x1a\n"
 CHUNK_ROWS: Final = 65536  # half a megabyte of float64: read whole in one piece, small enough to page
 
 
+@tell_kinds
 def write_run(run: Run, path: str | os.PathLike[str], *, overwrite: bool = False) -> None:
     """Write a run to a netCDF-4 file.
 
@@ -70,6 +72,7 @@ def write_run(run: Run, path: str | os.PathLike[str], *, overwrite: bool = False
         _verify(run, temporary, target)
 
 
+@tell_kinds
 def read_run(path: str | os.PathLike[str]) -> Run:
     """Read a run from its netCDF-4 file.
 

@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from ipmclab.engine import Engine, Here
 from ipmclab.errors import InputError, suggest
+from ipmclab.kinds import tell_kinds
 from ipmclab.model.device import Device, on_gpu, worth
 from ipmclab.progress import OnProgress
 from ipmclab.sweep.chunks import Filling, chunks, measure, pace_of, without_values
@@ -115,6 +116,7 @@ class Swept:
         }
 
 
+@tell_kinds
 def run_sweep(
     sweep: Sweep,
     folder: str | Path,
@@ -164,13 +166,6 @@ def run_sweep(
     >>> swept.parts.files, swept.found, again.found, round(first, 1)
     (1, 0, 1, 1.0)
     """
-    if not isinstance(sweep, Sweep):
-        raise InputError(
-            f"this is not a sweep, but of type {type(sweep).__name__}",
-            code="not-a-sweep",
-            where="sweep",
-            repair='give read_sweep("stiffness.toml")',
-        )
     parquet()  # before the long work
     engine = engine or Here()
     device = worth(device, sweep.design.count, len(sweep.record.time))

@@ -12,6 +12,7 @@ import numpy as np
 from pydantic import Field
 
 from ipmclab.errors import InputError, suggest
+from ipmclab.kinds import tell_kinds
 from ipmclab.model.actuator import Actuator, unknown_parameter
 from ipmclab.model.actuator_file import is_library_name, load_actuator
 from ipmclab.model.batch import Batch, Record, checked_changes
@@ -62,6 +63,7 @@ class _SweepTable(Strict):
     ranges: dict[str, _RangeTable] | None = None
 
 
+@tell_kinds
 def read_sweep(path: str | Path) -> Sweep:
     """Read a sweep; files that it names are in the same folder unless their path says otherwise.
 

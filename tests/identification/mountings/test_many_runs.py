@@ -127,11 +127,11 @@ def test_one_value_for_all_is_not_what_each_run_has(fits: list[Fit]) -> None:
         (["a"], "labels", r"1 label\(s\) for 2 run\(s\).*give 2, one for each run"),
         (["a", "b", "c"], "labels", r"3 label\(s\) for 2 run\(s\)"),
         ("ab", "labels", r"1 label\(s\) for 2 run\(s\)"),
-        (["a", 2], r"labels[1]", "a label is a text, not a int"),
+        (["a", 2], r"labels[1]", "this is an int, not a text; give a text in quotes"),
     ],
 )
 def test_labels_that_are_not_one_for_each_run_are_refused(labels: list[str], where: str, words: str) -> None:
     runs = [simulate(FRIEND, signal, duration=2.0, rate=20.0) for signal in ("step 1 V", "sine 1 V 1 Hz")]
     with pytest.raises(InputError, match=words) as caught:
         identify(FRIEND, runs, free="circuit.dc_resistivity", labels=labels)
-    assert (caught.value.code, caught.value.where) == ("bad-labels", where)
+    assert (caught.value.code, caught.value.where) == ("not-a-text" if "[" in where else "bad-labels", where)

@@ -69,6 +69,32 @@ def test_a_parameter_is_not_saved_while_its_field_says_something_else(
     assert written == pytest.approx(3.0 * load_actuator("friend-2")["beam.modulus"])
 
 
+def test_a_number_that_is_wrong_is_told_where_it_is_and_in_its_unit(address: str, open_page) -> None:
+    """A frequency of 0 was told at the amplitude, a length of -25 mm as -0.025 m; 0x10 passed for 16."""
+    page = open_page(f"{address}/simulate")
+    page.locator("[data-answers]").wait_for(timeout=LONG)
+    page.evaluate("document.querySelectorAll('details').forEach(one => one.open = true)")
+    page.get_by_label("Signal", exact=True).select_option("sine")
+    for label, wrong, told, usual in (
+        ("Frequency", "0", "the frequency is 0 Hz, it must be above 0", "0.1"),
+        ("Frequency", "1e3", "rows at 50 Hz follow it to 25 Hz", "0.1"),
+        ("free length", "-25", "-25 is outside the allowed 0.1 to 1000 mm", "25"),
+        ("modulus", "-5", "-5 is outside the allowed 0.001 to 10000000 MPa", "1450"),
+        ("modulus", "1,000.5", "Write a decimal point and no comma: 1000.5.", "1450"),
+        ("modulus", "1.000,5", "Write a decimal point and no comma: 1000.5.", "1450"),
+        ("modulus", "0x10", "Write a number.", "1450"),
+        ("modulus", "1.5e3 MPa", "Write the number without a unit: 1.5e3.", "1450"),
+    ):
+        number = page.get_by_label(label, exact=True).and_(page.locator("input[inputmode=decimal]"))
+        field = page.locator(".lab-field").filter(has=number)
+        number.fill(wrong)
+        field.get_by_text(told).wait_for()
+        if wrong == "-5":
+            assert field.locator("input[type=range]").input_value() == "0"  # it went to the middle
+        number.fill(usual)
+        field.locator("p.lab-bad").wait_for(state="hidden")
+
+
 @pytest.mark.parametrize("how", ["refused", "unanswered"])
 def test_what_was_asked_while_the_link_was_lost_is_asked_again(address: str, open_page, how: str) -> None:
     """Over a link that refuses, and over one that only never answers."""

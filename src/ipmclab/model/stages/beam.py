@@ -9,6 +9,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from ipmclab.kinds import tell_kinds
 from ipmclab.model.blocks import Block, block
 from ipmclab.model.parameters import Declaration, Measurement, Values
 from ipmclab.model.stages.kind import LITTLE, Excitation, Numbers, StageKind, Trial, number_of
@@ -52,6 +53,7 @@ class Resonance(NamedTuple):
     damping_ratio: float
 
 
+@tell_kinds
 def resonance(values: Mapping[str, float]) -> Resonance:
     """The first bending mode, with what a viscoelastic modulus adds to its stiffness and to its damping.
 

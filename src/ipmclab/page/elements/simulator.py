@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 _SPAN: Final = 5.0
 """A slider goes from a fifth of the value to five times it."""
 
+_NEVER: Final = 1e300
+"""What stands for infinity, which JSON lacks [SI]."""
+
 _FROM_ZERO: Final = 20.0
 """Of a parameter that is 0, such as the contact resistance: how far its slider goes [its shown unit]."""
 
@@ -168,6 +171,7 @@ def slider(parameter: Parameter, note: str = "") -> dict[str, Any]:
         "value": value,
         "low": max(low, parameter.lower),
         "high": min(high, parameter.upper),
+        "range": [max(parameter.lower, -_NEVER), min(parameter.upper, _NEVER)],
         "log": is_log,
         "note": note,
     }

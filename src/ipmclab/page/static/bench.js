@@ -248,7 +248,7 @@
       [...notes].reverse().slice(0, 30).map((note) => make("li", {}, make("time", { class: "lab-quiet" }, clock(note.at)), ` ${note.text}`)));
     part("lab-recorded", state.recorded, (runs) =>
       runs.map((run) => {
-        const codes = [...new Set(run.findings.map((one) => one.code))];
+        const codes = [...new Set(run.findings.map((one) => one.code).filter((code) => code !== "fingerprint"))];
         const name = run.path.split(/[\\/]/).pop();
         return make("li", {}, make("b", {}, run.signal), ` ${run.purpose}, ${run.state}`,
           run.state_reason ? make("span", { class: "lab-bad" }, ` (${run.state_reason})`) : null,

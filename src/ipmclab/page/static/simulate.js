@@ -37,15 +37,18 @@ const LabSimulate = (() => {
   const keyOf = ({ run, signal, duration, rate }, { stamps }) => [...stamps, run, ...(run ? [] : [signal, duration, rate])].join("|");
   // As text: a number field of a browser in English takes the comma out of 1,5 and has 15.
   const numberInput = (value) => make("input", { type: "text", inputMode: "decimal", autocomplete: "off", value });
+  const NUMBER = /^\s*[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?\s*$/i; // and no 0x10
   const digits = (value) => String(Number(Number(value).toPrecision(5)));
   let counter = 0;
 
   // A label, its input, and the place of its message.
   class Field {
-    constructor(label, input, unit = "", factor = 1) {
+    constructor(label, input, unit = "", factor = 1, range = [-Infinity, Infinity]) {
       const id = `lab-field-${++counter}`;
       this.input = input;
+      this.unit = unit;
       this.factor = factor; // from SI to what it shows
+      this.range = range; // that is allowed [SI]
       input.id = id;
       this.message = make("p", { className: "lab-bad lab-field-message", id: `${id}-m`, hidden: true });
       this.row = make("div", { className: "lab-field" },
@@ -54,11 +57,25 @@ const LabSimulate = (() => {
     }
     get isEmpty() {
       const { inputMode, value } = this.input;
-      return inputMode === "decimal" && (value.trim() === "" || !Number.isFinite(value / this.factor));
+      return inputMode === "decimal" && !(NUMBER.test(value) && Number.isFinite(value / this.factor));
     }
     get repair() {
       const { value } = this.input;
-      return value.includes(",") ? `Write a decimal point and no comma: ${value.replace(",", ".")}.` : "Write a number.";
+      if (value.includes(",")) {
+        const isEnglish = value.lastIndexOf(".") > value.indexOf(",") || value.split(",").length > 2; // 1,000.5
+        const meant = isEnglish ? value.replaceAll(",", "") : value.replaceAll(".", "").replace(",", ".");
+        return `Write a decimal point and no comma: ${meant}.`;
+      }
+      const [, number] = /^(.*?)\s*[^\d\s.]+$/.exec(value) ?? [];
+      return NUMBER.test(number ?? "") ? `Write the number without a unit: ${number}.` : "Write a number.";
+    }
+    // In the unit of the field, where what it holds is a number that is not allowed.
+    get outside() {
+      const [low, high] = this.range;
+      const value = this.input.value / this.factor;
+      if (this.isEmpty || (value >= low && value <= high)) return "";
+      const ends = [low, high].map((end) => digits(end * this.factor)).join(" to ");
+      return `${this.input.value.trim()} is outside the allowed ${ends} ${this.unit}`.trim();
     }
     complain(text) {
       this.message.textContent = text;
@@ -377,7 +394,7 @@ const LabSimulate = (() => {
       const toValue = (place) =>
         one.log ? one.low * (one.high / one.low) ** (place / STEPS) : one.low + ((one.high - one.low) * place) / STEPS;
       const number = numberInput(digits(one.value * one.factor));
-      const field = new Field(one.label, number, one.unit, one.factor);
+      const field = new Field(one.label, number, one.unit, one.factor, one.range);
       const slider = make("input", { type: "range", min: 0, max: STEPS, step: 1, value: toSlider(one.value) });
       slider.setAttribute("aria-label", one.label);
       slider.dataset.parameter = one.name;
@@ -417,7 +434,7 @@ const LabSimulate = (() => {
       number.addEventListener("input", () => {
         if (field.isEmpty) return void this.ask();
         const value = Number(number.value) / one.factor;
-        slider.value = toSlider(value);
+        slider.value = toSlider(value) || 0; // the logarithm of what is not above 0 is no place
         change(value);
       });
       this.resets.push(() => {
@@ -517,19 +534,22 @@ const LabSimulate = (() => {
         if (Number(this.fields.get(name).input.value) < 0) this.fields.get(name).complain("Must be above 0.");
       if (!error?.message) return;
       const text = error.repair ? `${error.message}; ${error.repair}` : error.message;
-      const field = this.fields.get(error.where) ?? this.fields.get(this.written(error.where));
-      if (field && !field.row.hidden) field.complain(field.isEmpty ? field.repair : text);
+      const field = this.fields.get(error.where) ?? this.fields.get(this.written(error.where, error.message));
+      if (field && !field.row.hidden) field.complain(field.isEmpty ? field.repair : field.outside || text);
       else {
         this.alert.textContent = text;
         this.alert.hidden = false;
       }
     }
 
-    // Which field a place in the signal's text belongs to.
-    written(where) {
+    // Which field a place in the signal's text belongs to, and what is wrong there.
+    written(where, message) {
       const last = String(where).split(/[.: ]/).pop();
       if (this.fields.has(last) && !this.fields.get(last).row.hidden) return last;
-      if (/signal|amplitude|frequency/.test(where)) return this.kind.value === "written" ? "signal" : "amplitude";
+      if (/signal|amplitude|frequency/.test(where)) {
+        if (this.kind.value === "written") return "signal";
+        return / Hz\b/.test(message) && !this.fields.get("frequency").row.hidden ? "frequency" : "amplitude";
+      }
       return last;
     }
 

@@ -12,6 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ipmclab.errors import InputError
+from ipmclab.kinds import tell_kinds
 from ipmclab.prediction.validate import run_labels
 from ipmclab.quality import check
 from ipmclab.reporting.figures.panels import (
@@ -44,6 +45,7 @@ def plot(
 def plot(
     runs: Sequence[Run] | Run, path: str | Path, *, labels: Sequence[str] | None = None, overwrite: bool = False
 ) -> Path: ...
+@tell_kinds
 def plot(
     runs: Sequence[Run] | Run,
     path: str | Path | None = None,

@@ -10,10 +10,11 @@ import numpy.typing as npt
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 
+from ipmclab.model.reductions import quantity_of
 from ipmclab.reporting.figures.layout import Margins, panel_grid
 from ipmclab.reporting.style import COLOURS, style
 from ipmclab.reporting.wording import plain, power_of_ten, spelled_unit
-from ipmclab.units import CHANNELS, TIME, Quantity
+from ipmclab.units import CHANNELS, Quantity
 
 if TYPE_CHECKING:
     from ipmclab.sweep import Swept
@@ -60,7 +61,7 @@ def sweep_figure(swept: Swept) -> Figure:
             ),
         )
         for number, (row, metric) in enumerate(zip(grid, metrics, strict=True)):
-            last, quantity = number == len(grid) - 1, _quantity(metric)
+            last, quantity = number == len(grid) - 1, quantity_of(metric)
             row[0].set_title(_title(metric), fontsize=8.5)
             if bars:
                 _draw_bars(row[0], names, bars[metric], last=last)
@@ -191,13 +192,8 @@ def _is_log(swept: Swept, name: str) -> bool:
     return name in ranges and bool(ranges[name].log)
 
 
-def _quantity(metric: str) -> Quantity:
-    output, _, reduction = metric.partition(".")
-    return TIME if reduction == "peak_time" else CHANNELS[output]
-
-
 def _title(metric: str) -> str:
     output, _, reduction = metric.partition(".")
-    unit = spelled_unit(_quantity(metric).display_unit)
+    unit = spelled_unit(quantity_of(metric).display_unit)
     words = f"{CHANNELS[output].name}, {_WORDS.get(reduction, reduction)}"
     return f"{words} [{unit}]" if unit else words

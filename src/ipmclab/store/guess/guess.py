@@ -12,6 +12,7 @@ from typing import Any, Final
 from pydantic import TypeAdapter
 
 from ipmclab.errors import InputError
+from ipmclab.kinds import tell_kinds
 from ipmclab.store.guess.channel_columns import find_channel, pair_indices
 from ipmclab.store.guess.headings import read_heading
 from ipmclab.store.guess.inquiry import Column, Inquiry
@@ -28,6 +29,7 @@ from ipmclab.store.importing import check_source
 _ASKED_CHANNELS: Final = tuple(name for name in MAPPED if name not in ("time", "applied_voltage"))
 
 
+@tell_kinds
 def guess_map(path: str | os.PathLike[str], answers: Mapping[str, str] | None = None) -> Guess:
     """What a foreign record seems to be.
 
