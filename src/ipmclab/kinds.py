@@ -250,8 +250,6 @@ def tell_kinds(function: Callable[P, R]) -> Callable[P, R]:
     fine: set[tuple[str, type]] = set()  # of what is no collection the type alone decides
 
     def held(name: str, given: Any) -> Any:
-        if (name, type(given)) in fine:
-            return given
         taken = declared().get(name)
         if taken is None:
             return given
@@ -265,6 +263,11 @@ def tell_kinds(function: Callable[P, R]) -> Callable[P, R]:
 
     @functools.wraps(function)
     def told(*args: P.args, **kwargs: P.kwargs) -> R:
+        known = fine.issuperset
+        if known(zip(names, map(type, args), strict=False)) and known(
+            zip(kwargs, map(type, kwargs.values()), strict=True)
+        ):
+            return function(*args, **kwargs)
         places = [held(name, given) for name, given in zip(names, args, strict=False)]
         named = {name: held(name, given) for name, given in kwargs.items()}
         return function(*places, *args[len(places) :], **named)  # type: ignore[arg-type]
