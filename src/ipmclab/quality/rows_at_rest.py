@@ -11,7 +11,7 @@ from ipmclab.run import FloatArray, Run
 _MOVES: Final = 0.02, 0.002
 """Of the largest voltage: more is no rest, and less is one, however little its first rows scatter (convention)."""
 _SCATTERS: Final = 5.0  # standard deviations (convention)
-_SPIKE: Final = 5.0  # standard deviations about a resistant line, beyond which a reading is no noise of a sensor
+_SPIKE: Final = 5.0  # standard deviations about a resistant line, beyond which a reading is no noise (convention)
 
 
 def rest_rows(run: Run) -> int:

@@ -12,8 +12,8 @@ from ipmclab.run import Finding, FloatArray
 BEFORE_STEP: Final = {"offset-before-step": "offset", "drift-before-step": "drift"}
 """Findings of a record that call for an unknown of its observation."""
 
-_SURELY: Final = 3.3  # standard errors, beyond which a value is rarer than 0.1 %
-_PARTS: Final = 6  # of the rows at 0 V, over which a walk is sought: more of them take white noise for one
+_SURELY: Final = 3.3  # standard errors, beyond which a value is rarer than 0.1 % (derived)
+_PARTS: Final = 6  # of the rows at 0 V, over which a walk is sought: more of them take white noise for one (convention)
 
 
 class AtRest(NamedTuple):
