@@ -143,7 +143,7 @@ def read_past(
     each = np.where(used & (time[:past] >= edge + SETTLE), values[:past], np.nan)
     readings = _means(each, place[:past], count)
     known = np.flatnonzero(np.isfinite(readings))
-    alone = min(len(known) / max(np.count_nonzero(np.isfinite(each)), 1), 1.0)
+    alone = min(len(known) / max(int(np.count_nonzero(np.isfinite(each))), 1), 1.0)
     now = int(known[-1]) if len(known) else 0
     answer = _responses(actuator, run, channel, time, held, planned)
     return Past(

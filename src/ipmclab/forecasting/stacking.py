@@ -121,4 +121,4 @@ def half_width(
     upper = 0.5 + 0.5 * level
     normal = float(ndtri(upper))
     wider = float(stdtrit(pairs.observed + BORROWED, upper)) / normal
-    return np.hypot(usual * wider * lead**GROWTH, normal * scatter)
+    return np.asarray(np.hypot(usual * wider * lead**GROWTH, normal * scatter))
