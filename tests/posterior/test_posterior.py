@@ -206,7 +206,7 @@ def test_a_bent_valley_is_filled_as_quadrature_along_it_says() -> None:
     fit = identify(known, [measured()], free=["electrical", SERIES], prior=SERIES)
     posterior = sample_posterior(fit)
     most = 1.0 / circuit(FRIEND_2)[3][0, 0]  # all of the first resistance
-    places = [equivalent(FRIEND_2, most * (1.0 - part)) for part in np.logspace(-5.5, -0.2, 90)]
+    places = [equivalent(FRIEND_2, most * (1.0 - part)) for part in np.logspace(-5.5, -0.05, 96)]
     curve = np.array(sorted((one for one in places if one is not None), key=lambda one: one[0]))
     weights = []
     for point in curve:
