@@ -28,11 +28,11 @@ _NOISES: Final = tuple(
     for part in (0.0, 0.5, 0.8, 0.9, 0.95)
     if follows or not part
 )
-"""Of an autoregression, and of the moving average that white noise beside it makes of it; the last ones hardly end."""
+"""Of an autoregression, and of the moving average that white noise beside it makes of it (convention: so close that
+their likelihoods differ little from one to the next). The last ones hardly end."""
 
-
-_ALLOWED: Final = 5.99  # of minus twice the likelihood: 95 % of chi-square with two degrees of freedom
-_TINY: Final = 1e-150  # of readings without noise
+_ALLOWED: Final = 5.99  # of minus twice the likelihood: 95 % of chi-square with two degrees of freedom (derived)
+_TINY: Final = 1e-150  # of readings without noise: keeps a logarithm finite (a limit)
 
 
 @dataclass(frozen=True, eq=False)
