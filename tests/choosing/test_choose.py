@@ -360,3 +360,17 @@ def test_where_each_model_misses_one_output_the_best_prediction_is_the_answer() 
         Candidate("branches=2", rmse={"current": 1.0e-3, "displacement": 2e-5}),
     ]
     assert as_close(alike) == ["branches=1"]
+
+
+def test_it_says_what_the_fit_of_the_preferred_model_leaves_open() -> None:
+    """A step shows that there is a leak, and not of which form: of its terms one may stand for the other."""
+    choice = ipmclab.choose(
+        record("friend-2+leak.cubic", "step 3 V delay=1 s", 1), ["friend-2", "leak.cubic"], actuator="friend-2"
+    )
+    open_ones = [name for name, one in choice.fit.parameters.items() if not one.determined]
+    assert choice.preferred == "leak.cubic"
+    assert {"leak.cubic.quadratic", "leak.cubic.cubic"} <= set(open_ones)
+    (said,) = [text for text in choice.sentences if "does not determine" in text]
+    assert said.startswith("The fit of leak.cubic does not determine ")
+    assert "leak.cubic.quadratic, leak.cubic.cubic: a model may predict well of which these values are open." in said
+    assert not any("does not determine" in text for text in one_branch_or_two(0.0, 0).sentences)

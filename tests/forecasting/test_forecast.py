@@ -292,3 +292,20 @@ def test_the_first_move_of_the_voltage_is_answered_by_the_actuator_in_full() -> 
     stays = forecast(strip, simulate(strip, "step 1 V", duration=80, rate=10), origin=59.9, horizon=10.0)
     there = simulate(strip, "step 1 V", duration=80, rate=10).displacement
     assert plan.mean - stays.mean == pytest.approx((run.displacement - there)[600:700], abs=1e-9)
+
+
+@pytest.mark.parametrize(("rate", "horizon"), [(10.0, 1.0), (25.0, 2.0), (200.0, 10.0)])
+def test_the_band_holds_readings_and_not_only_means_of_them(rate: float, horizon: float) -> None:
+    """It was that of means over 0.2 s: of 200 noisy readings per second half of those that came."""
+    strip = load_actuator("friend-2+relaxation.displacement")
+    clean = simulate(strip, "step 1 V", duration=60.0, rate=rate)
+    assert clean.displacement is not None
+    held = []
+    for seed in range(12):
+        noise = 2e-5 * np.random.default_rng([SEED, seed]).standard_normal(len(clean))
+        run = Run.from_arrays(time=clean.time, voltage=clean.voltage, displacement=clean.displacement + noise)
+        assert run.displacement is not None
+        ahead = forecast(strip, run, origin=40.0, horizon=horizon, level=0.8)
+        came = run.displacement[np.searchsorted(run.time, ahead.time - 1e-9)]
+        held.append(np.mean((ahead.lower < came) & (came < ahead.upper)))
+    assert 0.72 < float(np.mean(held)) < 0.97

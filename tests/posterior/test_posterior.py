@@ -25,6 +25,7 @@ from ipmclab import (
     write_posterior,
 )
 from ipmclab.identification.solved import solved
+from ipmclab.posterior.coordinates import Valley
 from ipmclab.posterior.density import Density
 from ipmclab.posterior.doubts import doubts
 from ipmclab.posterior.packages import bayes_package
@@ -206,7 +207,7 @@ def test_a_bent_valley_is_filled_as_quadrature_along_it_says() -> None:
     fit = identify(known, [measured()], free=["electrical", SERIES], prior=SERIES)
     posterior = sample_posterior(fit)
     most = 1.0 / circuit(FRIEND_2)[3][0, 0]  # all of the first resistance
-    places = [equivalent(FRIEND_2, most * (1.0 - part)) for part in np.logspace(-5.5, -0.2, 90)]
+    places = [equivalent(FRIEND_2, most * (1.0 - part)) for part in np.logspace(-5.5, -0.05, 96)]
     curve = np.array(sorted((one for one in places if one is not None), key=lambda one: one[0]))
     weights = []
     for point in curve:
@@ -234,6 +235,22 @@ def test_a_bent_valley_is_filled_as_quadrature_along_it_says() -> None:
     # Beside it everything else is where the curve has it: the thin tube is never left.
     at_samples = np.interp(samples, curve[:, 0], curve[:, 1])
     assert np.abs(np.log(posterior.samples[SERIES]).ravel() - at_samples).max() < 0.03
+
+
+def test_a_valley_is_followed_where_another_direction_becomes_the_weakest() -> None:
+    """It was lost there, and chains along straight lines did not agree after 5000 steps."""
+    names = (DC, FIRST, "circuit.branches.0.permittivity", "circuit.branches.1.resistivity")
+    values = (47.7, 0.367, 0.0854, 22.0)
+    strip = FRIEND.replace(**dict(zip(names, values, strict=True)), **{"circuit.branches.1.permittivity": 0.782})
+    clean = simulate(strip, "step 1 V delay=2 s", duration=10.0, rate=20.0)
+    noise = 3e-4 * np.random.default_rng([20261128, 8]).standard_normal(len(clean))
+    fit = identify(FRIEND, Run.from_arrays(time=clean.time, voltage=clean.voltage, current=clean.current + noise))
+    assert isinstance(Density(solved(fit), {}, {}).coordinates, Valley)
+    found = sample_posterior(fit, steps=2000).parameters
+    # The dc path may draw nothing at all: its bound ends it.
+    assert found[DC].at_bound
+    for name, value in zip(names[1:], values[1:], strict=True):
+        assert found[name].interval[0] < value < found[name].interval[1]
 
 
 def test_files_and_figure(posterior: Posterior, fit: Fit, tmp_path: Path) -> None:

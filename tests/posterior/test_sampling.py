@@ -11,7 +11,8 @@ from scipy.signal import lfilter
 
 from ipmclab.posterior.convergence import judge
 from ipmclab.posterior.coordinates import Straight
-from ipmclab.posterior.sampling import sample
+from ipmclab.posterior.packages import bayes_package
+from ipmclab.posterior.sampling import sample, snooker_move
 
 Array = npt.NDArray[np.float64]
 MIDDLE = np.array([1.0, -2.0, 30.0])
@@ -36,6 +37,20 @@ def test_a_normal_density_is_found_from_a_bad_guess_of_it() -> None:
     found = np.cov(points.T) / np.outer(deviation, deviation)
     assert found == pytest.approx(SCATTER / np.outer(deviation, deviation), abs=4.0 * np.sqrt(2.0 / size.min()))
     assert (np.diff([one.r_hat for one in chains.judgement.of.values()]) < 0.01).all()
+
+
+@pytest.mark.parametrize(("size", "deviation"), [(1, 1.0), (3, 0.1), (5, 1.0)])
+def test_the_snooker_update_leaves_a_normal_density_as_it_is(size: int, deviation: float) -> None:
+    """That of emcee alone finds 1.04, 0.63 and 0.84 of the deviation."""
+    emcee, random = bayes_package("emcee"), np.random.RandomState(20261128)
+
+    def density(vectors: Array) -> Array:
+        return -0.5 * ((vectors / deviation) ** 2).sum(axis=1)
+
+    sampler = emcee.EnsembleSampler(40, size, density, moves=[(snooker_move(), 1.0)], vectorize=True)
+    sampler.run_mcmc(emcee.State(deviation * random.standard_normal((40, size)), random_state=random.get_state()), 3000)
+    found = sampler.get_chain(discard=300, flat=True)
+    assert found.std(axis=0) / deviation == pytest.approx(np.ones(size), abs=0.03)
 
 
 def test_the_same_seed_gives_the_same_samples() -> None:

@@ -7,8 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
+from ipmclab.model import load_actuator, simulate
 from ipmclab.quality import check_together
+from ipmclab.quality.change import _variance_of_mean
 from ipmclab.run import Run
 from ipmclab.sample import Sample
 
@@ -104,3 +107,67 @@ def test_and_by_six_standard_errors_of_a_twentieth_of_the_record(errors: float, 
     error = np.sqrt(2.0) * noise / np.sqrt(2000 / 20)
     (finding,) = check_together([held(1e-3, noise, 1), held(1e-3 + errors * error, noise, 2)])
     assert finding.code == code
+
+
+def read_with(noise: float, follows: float, seed: int, *, signal: str = "step 1 V", gain: float = 1.0) -> Run:
+    """20 s of current and displacement, in noise of a share of their peak that follows itself."""
+    clean = simulate(load_actuator("friend-2"), signal, duration=20.0, rate=25.0)
+    generator = np.random.default_rng(seed)
+    channels = {}
+    for name in ("current", "displacement"):
+        values = clean.channels[name]
+        new = (1.0 - follows**2) ** 0.5 * generator.standard_normal(len(values) + 200)
+        error = lfilter([1.0], [1.0, -follows], new)[200:]
+        channels[name] = gain * values + noise * float(np.abs(values).max()) * error
+    return Run.from_arrays(
+        time=clean.time, voltage=clean.voltage, current=channels["current"], displacement=channels["displacement"]
+    )
+
+
+@pytest.mark.parametrize("follows", [0.6, 0.9, 0.97])
+@pytest.mark.parametrize("signal", ["step 1 V", "step 1 V delay=3 s", "sine 1 V 0.1 Hz"])
+def test_noise_that_follows_itself_is_no_change_of_state(signal: str, follows: float) -> None:
+    """Means of neighbours that are alike were taken to be as well known as those of independent readings."""
+    findings = [
+        finding
+        for seed in range(0, 20, 2)
+        for finding in check_together([read_with(0.03, follows, seed + one, signal=signal) for one in (0, 1)])
+    ]
+    assert len(findings) == 20
+    assert [finding.code for finding in findings].count("state-changed") <= 1
+
+
+@pytest.mark.parametrize("follows", [0.0, 0.6, 0.9])
+def test_a_change_that_turns_with_the_voltage_is_one(follows: float) -> None:
+    """Over whole periods its means are none."""
+    same, weaker = (
+        read_with(0.01, follows, seed, signal="sine 1 V 1 Hz", gain=gain) for seed, gain in ((1, 1.0), (2, 0.9))
+    )
+    found = check_together([same, weaker])
+    assert [(one.code, one.channel) for one in found] == [
+        ("state-changed", "current"),
+        ("state-changed", "displacement"),
+    ]
+
+
+def test_rest_has_an_error_too() -> None:
+    """Few rows at rest before many others: their mean is off by more than the means of what follows."""
+    time = np.arange(4000) / 50.0
+    on = time >= 0.4
+
+    def held(seed: int) -> Run:
+        scatter = 2e-4 * np.random.default_rng(seed).standard_normal(len(time))
+        return Run.from_arrays(time=time, voltage=1.0 * on, displacement=1e-3 * on + scatter)
+
+    codes = [check_together([held(seed), held(seed + 1)])[0].code for seed in range(0, 40, 2)]
+    assert codes == ["state-unchanged"] * 20
+
+
+@pytest.mark.parametrize(
+    ("follows", "moving", "count"), [(0.0, 0.0, 7), (0.9, 0.0, 25), (0.97, -0.8, 40), (0.4, -0.2, 1)]
+)
+def test_the_variance_of_a_mean_is_that_of_the_whole_covariance(follows: float, moving: float, count: int) -> None:
+    weights = np.array([1.0, *((follows + moving) * follows ** np.arange(6000))])  # of news, by their age
+    covariance = np.array([weights[: len(weights) - k] @ weights[k:] for k in range(count)])
+    apart = np.abs(np.subtract.outer(np.arange(count), np.arange(count)))
+    assert _variance_of_mean(follows, moving, count) == pytest.approx(covariance[apart].mean(), rel=1e-9)

@@ -10,6 +10,7 @@ from ipmclab.choosing.compare import Difference
 from ipmclab.choosing.noise import FadingNoise
 from ipmclab.fit.fit import Fit
 from ipmclab.fit.in_brief import LACKING, in_brief
+from ipmclab.model.left_open import first_of
 from ipmclab.shown import Shown
 
 HoldOut = Literal["runs", "blocks"]
@@ -202,7 +203,7 @@ class Choice(Shown):
             if difference.is_distinguished:
                 size = f"{abs(difference.value):.3g} nats, standard error {difference.standard_error:.2g}"
                 lines.append(f"{one.name} predicts worse than {self.best} (by {size}).")
-        lines += [*self._by_criteria(), *self._still_lacking()]
+        lines += [*self._by_criteria(), *self._still_lacking(), *self._left_open()]
         lines += [
             f"{one.name}: only {_listed(labels)} shows {stage}, and without it the fit leaves that stage open. So "
             "whole runs cannot judge it: hold out blocks of time (--hold-out blocks)."
@@ -254,6 +255,17 @@ class Choice(Shown):
         lacking = [one for one in self.fit.findings if one.code in LACKING]
         lines = in_brief(lacking, self.outputs, self.labels, most=len(lacking))[0]
         return [f"{self.preferred} still lacks something: {'; '.join(one.text for one in lines)}."] if lines else []
+
+    def _left_open(self) -> list[str]:
+        """Which values of the preferred model its fit to everything does not determine."""
+        names = [name for name, one in self.fit.parameters.items() if not one.determined]
+        if not names:
+            return []
+        these = "this value is" if len(names) == 1 else "these values are"
+        return [
+            f"The fit of {self.preferred} does not determine {first_of(names)}: a model may predict well of which "
+            f"{these} open."
+        ]
 
     def __str__(self) -> str:
         """A line for each model, and what came of it."""

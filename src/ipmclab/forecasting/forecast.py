@@ -140,7 +140,7 @@ def forecast(
     plan = known * (np.column_stack(plans) @ weights) + (1.0 - known) * in_full
     moves = np.column_stack([one.ahead() for one in forecasters.values()]) @ weights
     mean = past.readings[past.now] + moves + plan
-    half = half_width(pairs, weights, past.leads, level)
+    half = half_width(pairs, weights, past.leads, level, scatter=past.scatter)
     beyond = reach_finding(past.ahead, mean, past.free_length)
     return Forecast(
         channel=channel,

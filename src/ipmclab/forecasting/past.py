@@ -26,6 +26,7 @@ from ipmclab.model.outputs import simulate_outputs
 from ipmclab.model.request import MOST_ROWS
 from ipmclab.model.simulate import with_shunt
 from ipmclab.quality import check, usable
+from ipmclab.quality.noise import noise_level
 from ipmclab.run import Finding, Hold, Run
 
 FloatArray = npt.NDArray[np.float64]
@@ -49,6 +50,8 @@ class Past:
         Steps of the first reading that is used, after the edge, and of the last.
     readings : float array, shape (now + 1,)
         NaN where none is used.
+    scatter : float [SI]
+        Standard deviation of a reading about the mean of its step.
     planned, held : float array, shape (n_steps,) [V]
         Voltage up to the horizon: as planned, and as it stays at the origin.
     ahead : float array, shape (n_ahead,) [s]
@@ -70,6 +73,7 @@ class Past:
     first: int
     now: int
     readings: FloatArray
+    scatter: float
     planned: FloatArray
     held: FloatArray
     ahead: FloatArray
@@ -133,8 +137,10 @@ def read_past(
     place = np.ceil((time - time[past - 1]) / step - 1e-6).astype(np.intp)
     place -= place[0]
     count = int(place[-1]) + 1
-    readings = _means(np.where(used & (time[:past] >= edge + SETTLE), values[:past], np.nan), place[:past], count)
+    each = np.where(used & (time[:past] >= edge + SETTLE), values[:past], np.nan)
+    readings = _means(each, place[:past], count)
     known = np.flatnonzero(np.isfinite(readings))
+    alone = min(len(known) / max(int(np.count_nonzero(np.isfinite(each))), 1), 1.0)
     now = int(known[-1]) if len(known) else 0
     answer = _responses(actuator, run, channel, time, held, planned)
     return Past(
@@ -145,6 +151,7 @@ def read_past(
         first=int(known[0]) if len(known) else 0,
         now=now,
         readings=readings[: now + 1],
+        scatter=noise_level(each) * math.sqrt(1.0 - alone),
         planned=_filled(_means(planned, place, count)),
         held=_filled(_means(held, place, count)),
         ahead=time[past:],

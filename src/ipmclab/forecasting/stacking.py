@@ -19,7 +19,8 @@ counts) takes the time before the record as one in which each forecaster said wh
 stayed: an endless one, that counts :math:`m = 4 e^{-T/(4H)}` horizons after a record of the length :math:`T`. So where
 little has been observed, the forecast stays near holding. The errors :math:`e = y - \sum w_k d_k` of the same pairs
 give the band: the quantile of :math:`|e|/h^{3/4}` at the level, with the counts as weights, is widened as Student's t
-is against the normal for :math:`N + 3` degrees of freedom, and grows as :math:`h^{3/4}`.
+is against the normal for :math:`N + 3` degrees of freedom, and grows as :math:`h^{3/4}`. These errors are those of
+means over steps: how far a single reading lies from the mean of its step is added, in squares.
 """
 
 from __future__ import annotations
@@ -97,8 +98,10 @@ def weigh(pairs: Pairs) -> FloatArray:
     return weights
 
 
-def half_width(pairs: Pairs, weights: FloatArray, lead: FloatArray, level: float) -> FloatArray:
-    """Half of the band at each lead [SI].
+def half_width(
+    pairs: Pairs, weights: FloatArray, lead: FloatArray, level: float, *, scatter: float = 0.0
+) -> FloatArray:
+    """Half of the band of a reading at each lead [SI].
 
     Parameters
     ----------
@@ -106,6 +109,8 @@ def half_width(pairs: Pairs, weights: FloatArray, lead: FloatArray, level: float
     weights : float array, shape (n_forecasters,)
     lead : float array, shape (n_time,) [s]
     level : float
+    scatter : float [SI]
+        Standard deviation of a reading about the mean of its step.
     """
     from scipy.special import ndtri, stdtrit
 
@@ -114,5 +119,6 @@ def half_width(pairs: Pairs, weights: FloatArray, lead: FloatArray, level: float
     share = np.cumsum(pairs.count[order]) / pairs.observed
     usual = missed[order][min(int(np.searchsorted(share, level)), len(order) - 1)]
     upper = 0.5 + 0.5 * level
-    wider = float(stdtrit(pairs.observed + BORROWED, upper) / ndtri(upper))
-    return np.asarray(usual * wider * lead**GROWTH)
+    normal = float(ndtri(upper))
+    wider = float(stdtrit(pairs.observed + BORROWED, upper)) / normal
+    return np.asarray(np.hypot(usual * wider * lead**GROWTH, normal * scatter))

@@ -22,6 +22,7 @@ WIDEST: Final = 2.0
 
 _OPEN: Final = 0.05  # standard deviation of a logarithm from which a valley may bend
 _HIGH: Final = 30.0  # rise of minus twice the logarithm of the likelihood: nothing is there
+_ENOUGH: Final = 20.0  # such a rise (a density of e^-10), beyond which a floor may be lost
 _STEP: Final = 0.1  # standard deviations of a logarithm: the first step along a valley (convention)
 _LONGEST: Final = 0.4  # the longest one (convention)
 _SHORTEST: Final = 1e-3  # the shortest one: below it a valley has an end
@@ -130,11 +131,21 @@ def _directions(problem: Problem, theta: FloatArray) -> tuple[FloatArray, FloatA
 
 
 def _follow(problem: Problem, theta: FloatArray, lowest: float, side: float) -> list[FloatArray] | None:
-    """The floor from a fit to where it has risen, or to a bound; None where it is lost."""
+    """The floor from a fit to where it has risen, or to a bound; None where it is lost.
+
+    It goes where the readings say the least. Where that is suddenly another direction it goes on as it came.
+    """
+    found = _followed(problem, theta, lowest, side, as_it_came=False)
+    return _followed(problem, theta, lowest, side, as_it_came=True) if found is None else found
+
+
+def _followed(
+    problem: Problem, theta: FloatArray, lowest: float, side: float, *, as_it_came: bool
+) -> list[FloatArray] | None:
     _, directions, _ = _directions(problem, theta)
     tangent = side * directions[-1]
     found: list[FloatArray] = []
-    step = _STEP
+    step, rise = _STEP, 0.0
     while len(found) < _MOST:
         room = _room(problem, theta, tangent)
         if room < _SHORTEST:
@@ -143,17 +154,20 @@ def _follow(problem: Problem, theta: FloatArray, lowest: float, side: float) -> 
         there = _down(problem, theta + length * tangent, tangent)
         if there is not None:
             _, directions, triangle = _directions(problem, there)
-            turned = directions[-1] * np.sign(directions[-1] @ tangent)
+            turned: FloatArray = directions[-1] * np.sign(directions[-1] @ tangent)
+            if as_it_came and turned @ tangent <= _TURN:
+                turned = np.asarray((there - theta) / np.linalg.norm(there - theta))
             if turned @ tangent > _TURN:
                 theta, tangent = there, turned
                 found.append(theta)
                 step = min(1.3 * step, _LONGEST)
-                if float(triangle[:, -1] @ triangle[:, -1]) > lowest + _HIGH:
+                rise = float(triangle[:, -1] @ triangle[:, -1]) - lowest
+                if rise > _HIGH:
                     return found
                 continue
         step = 0.5 * length
         if step < _SHORTEST:
-            return found if room < 10.0 * _SHORTEST else None
+            return found if room < 10.0 * _SHORTEST or rise > _ENOUGH else None
     return None
 
 

@@ -29,6 +29,8 @@ LEAST_STEPS: Final = 2 * _LEARN * _CHUNK
 
 _APART: Final = 1.5  # first draws scatter that much wider than the curvature says
 _TAILS: Final = 5.0  # degrees of freedom of the independent proposals
+_SNOOKER: Final = 1.7  # of what two walkers differ by along a line (ter Braak and Vrugt 2008)
+_NO_DISTANCE: Final = 1e-300  # between walkers in one place, which stay there
 _TRIES: Final = 200  # draws for a walker inside the bounds (a limit)
 
 
@@ -197,7 +199,7 @@ def _walk(stretched: _Stretched, ensemble: _Ensemble) -> tuple[_Ensemble, _Walk]
         (emcee.moves.MHMove(ensemble.proposal), 0.5),
         (emcee.moves.DEMove(), 0.3),
         (emcee.moves.DEMove(gamma0=1.0), 0.1),
-        (emcee.moves.DESnookerMove(), 0.1),
+        (snooker_move(), 0.1),
     ]
     kept_as = [("vector", float, (size,))]
     sampler = emcee.EnsembleSampler(walkers, size, stretched, moves=moves, blobs_dtype=kept_as, vectorize=True)
@@ -208,6 +210,30 @@ def _walk(stretched: _Stretched, ensemble: _Ensemble) -> tuple[_Ensemble, _Walk]
         ensemble.proposal.learn(sampler.get_chain(discard=_CHUNK // 2, flat=True))
     walk = _Walk(sampler.get_blobs()["vector"], sampler.get_log_prob(), sampler.backend.accepted)
     return replace(ensemble, state=state), walk
+
+
+def snooker_move() -> Any:
+    """The snooker update (ter Braak and Vrugt 2008), as a move of emcee.
+
+    That of emcee 3.1 multiplies a step by the distance of the two walkers, and takes the root of what balances it. So
+    walkers draw together: alone it finds 0.6 of the standard deviation of a normal density.
+    """
+    move = bayes_package("emcee").moves.DESnookerMove()
+    move.get_proposal = _along_lines
+    return move
+
+
+def _along_lines(
+    points: FloatArray, others: Sequence[FloatArray], rng: np.random.RandomState
+) -> tuple[FloatArray, FloatArray]:
+    """Each walker along its line to another, by what two more differ along it; and the logarithm that balances it."""
+    end, one, two = (walkers[rng.randint(len(walkers), size=len(points))] for walkers in others)
+    away = points - end
+    size = np.maximum(np.linalg.norm(away, axis=1), _NO_DISTANCE)
+    line = away / size[:, None]
+    moved = points + _SNOOKER * line * np.sum(line * (one - two), axis=1)[:, None]
+    then = np.maximum(np.linalg.norm(moved - end, axis=1), _NO_DISTANCE)
+    return moved, (points.shape[1] - 1.0) * np.log(then / size)
 
 
 def _kept(walks: Sequence[Sequence[FloatArray]], done: int) -> FloatArray:

@@ -6,18 +6,22 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
+from ipmclab.confidence import REJECT
 from ipmclab.kinds import tell_kinds
+from ipmclab.quality.change import Change, change_of
 from ipmclab.quality.metrics import shows_zero
-from ipmclab.quality.record import GUARD_ROWS, Record
+from ipmclab.quality.record import GUARD_ROWS, Channel, Record
 from ipmclab.run import Finding, FloatArray, Run
 
 _VOLTAGE_AGREES: Final = 0.01  # part of the largest voltage by which equal voltages may differ (convention)
 _FEWEST: Final = 20  # rows that are compared at least (convention)
-_BLOCKS: Final = 20  # means of a difference that are compared (convention)
+_STRETCHES: Final = 20  # of a record, in each of which a change is looked for (convention)
+_ERRORS: Final = 6.0  # standard errors of the mean of a stretch that a change has at least (convention)
+_SHARE: Final = 0.02  # and of the response (convention)
 _SAME_ALL_THE_TIME: Final = 0.02  # part of an offset by which it may change and still be one (convention)
 
 
@@ -93,21 +97,22 @@ def _compare(first: int, one: Record, second: int, other: Record) -> list[Findin
     if stop - lead < _FEWEST or np.abs(voltages[0][:stop]).max() < 0.1 * largest:
         return []
     found = []
+    places, names = (first, second), (_name(one, first), _name(other, second))
+    seconds = float(one.run.time[begins[0] + stop - 1] - one.run.time[begins[0] + lead])
     for name in one.channels.keys() & other.channels.keys():
-        responses = [
-            _from_rest(record, name, begin, lead, stop) for record, begin in zip((one, other), begins, strict=True)
-        ]
-        both = np.isfinite(responses[0]) & np.isfinite(responses[1])
-        if np.count_nonzero(both) >= _FEWEST:
-            seconds = float(one.run.time[begins[0] + stop - 1] - one.run.time[begins[0] + lead])
-            noise = math.hypot(one.channels[name].noise, other.channels[name].noise)
-            places, names = (first, second), (_name(one, first), _name(other, second))
-            finding = _difference(name, responses[0][both], responses[1][both], noise, seconds, places, names, one)
-            if finding is not None:
-                unshown = [
-                    label for record, label in zip((one, other), names, strict=True) if not shows_zero(record.run, name)
-                ]
-                found.append(_or_a_zero(finding, responses[1][both] - responses[0][both], noise, unshown, one))
+        pair = [_from_rest(record, name, begin, lead, stop) for record, begin in zip((one, other), begins, strict=True)]
+        both = np.isfinite(pair[0].values) & np.isfinite(pair[1].values)
+        noise = math.hypot(one.channels[name].noise, other.channels[name].noise)
+        if np.count_nonzero(both) < _FEWEST or _is_noise(pair[0].values[both], noise):
+            continue
+        read = np.zeros(stop, dtype=bool)
+        read[stop - len(both) :] = both
+        former, latter = (response.values[both] for response in pair)
+        at_rest = [response.rest for response in pair if response.rest]
+        change = change_of(former, latter, voltages[0][:stop], read, at_rest=at_rest)
+        finding = _difference(one.channels[name], former, latter, noise, seconds, places, names, change)
+        unshown = [label for record, label in zip((one, other), names, strict=True) if not shows_zero(record.run, name)]
+        found.append(_or_a_zero(finding, latter - former, noise, unshown, one))
     return sorted(found, key=lambda finding: finding.channel or "")
 
 
@@ -151,42 +156,55 @@ def _name(record: Record, place: int) -> str:
     return f"run {place} ({text})" if text else f"run {place}"
 
 
-def _from_rest(record: Record, name: str, begin: int, lead: int, stop: int) -> FloatArray:
-    """Readings from behind the edge on, less their mean before it where the record has rows before it."""
+class _Response(NamedTuple):
+    """Readings from behind the edge on, less the mean of so many before it."""
+
+    values: FloatArray
+    rest: int
+
+
+def _from_rest(record: Record, name: str, begin: int, lead: int, stop: int) -> _Response:
+    """A response, counted from rest where the record has rows before the edge."""
     readings = record.channels[name].readings[begin : begin + stop]
     before = readings[: max(lead - GUARD_ROWS, 0)]
-    rest = float(np.nanmean(before)) if np.isfinite(before).sum() >= GUARD_ROWS else 0.0
-    return readings[lead + GUARD_ROWS if lead else 0 :] - rest
+    count = int(np.isfinite(before).sum())
+    count = count if count >= GUARD_ROWS else 0
+    rest = float(np.nanmean(before)) if count else 0.0
+    return _Response(readings[lead + GUARD_ROWS if lead else 0 :] - rest, count)
+
+
+def _is_noise(response: FloatArray, noise: float) -> bool:
+    """Whether there is nothing but noise to compare."""
+    size = math.sqrt(float(response.dot(response)) / len(response))
+    return size == 0.0 or size < 2.0 * noise
 
 
 def _difference(
-    name: str,
+    channel: Channel,
     one: FloatArray,
     other: FloatArray,
     noise: float,
     seconds: float,
     places: tuple[int, int],
     names: tuple[str, str],
-    record: Record,
-) -> Finding | None:
+    change: Change,
+) -> Finding:
     power = float(one.dot(one))
     difference = other - one
     rms = math.sqrt(float(difference.dot(difference)) / len(difference))
-    if power == 0.0 or math.sqrt(power / len(one)) < 2.0 * noise:
-        return None  # nothing but noise to compare
     ratio = float(one.dot(other)) / power
-    means, error = _blocks(difference, noise)
-    least = max(6.0 * error, 0.02 * math.sqrt(power / len(one)))
-    changed = float(np.abs(means).max()) > least
-    channel = record.channels[name]
+    # Of what follows the voltage in a stretch the size counts: the mean of whole periods is none.
+    largest = math.sqrt(float(_stretches(change.course**2).max()))
+    least = max(_error(noise, one), _SHARE * math.sqrt(power / len(one)))
+    changed = change.p_value < REJECT and largest > least
     numbers = (
-        f"{name}: over {seconds:.4g} s of equal voltage {names[1]} reads {ratio:.3g} times {names[0]}; the "
+        f"{channel.name}: over {seconds:.4g} s of equal voltage {names[1]} reads {ratio:.3g} times {names[0]}; the "
         f"difference is {channel.show(rms)} (root mean square) against a noise of {channel.show(noise)}"
     )
     return Finding(
         code="state-changed" if changed else "state-unchanged",
         severity="warning" if changed else "info",
-        channel=name,
+        channel=channel.name,
         message=numbers,
         repair=(
             "the strip was not in the same state: do not fit both runs with one set of parameters, or free what "
@@ -205,20 +223,24 @@ def _difference(
     )
 
 
-def _blocks(difference: FloatArray, noise: float) -> tuple[FloatArray, float]:
-    """Means of a difference over some twenty stretches, and how far its noise moves one of them."""
-    rows = max(1, len(difference) // _BLOCKS)
-    means = difference[: len(difference) // rows * rows].reshape(-1, rows).mean(axis=1)
-    return means, noise / math.sqrt(rows)
+def _error(noise: float, values: FloatArray) -> float:
+    """Six standard errors of the mean of a stretch, if no reading says anything of its neighbour."""
+    return _ERRORS * noise / math.sqrt(max(1, len(values) // _STRETCHES))
+
+
+def _stretches(values: FloatArray) -> FloatArray:
+    """Means over some twenty stretches."""
+    rows = max(1, len(values) // _STRETCHES)
+    return np.asarray(values[: len(values) // rows * rows].reshape(-1, rows).mean(axis=1))
 
 
 def _or_a_zero(finding: Finding, difference: FloatArray, noise: float, unshown: list[str], record: Record) -> Finding:
     """A difference that is the same all the time is that of a zero where a record shows none: it is reported too."""
     if finding.code != "state-changed" or not unshown:
         return finding
-    means, error = _blocks(difference, noise)
+    means = _stretches(difference)
     zero = float(np.mean(means))
-    if float(np.abs(means - zero).max()) > max(6.0 * error, _SAME_ALL_THE_TIME * abs(zero)):
+    if float(np.abs(means - zero).max()) > max(_error(noise, difference), _SAME_ALL_THE_TIME * abs(zero)):
         return finding
     channel = record.channels[str(finding.channel)]
     rest = "rests" if len(unshown) == 1 else "rest"
