@@ -88,15 +88,43 @@ def test_a_wave_that_begins_at_once_has_no_rows_at_rest(signal: str) -> None:
 
 @pytest.mark.parametrize("signal", ["sine 1 V 0.2 Hz", "square 1 V 0.1 Hz"])
 def test_a_wave_without_rest_shows_a_zero_by_itself(signal: str) -> None:
-    free = ("circuit.dc_resistivity", "circuit.branches.1.permittivity")
-    with_zero, without = (identify(STRIP, measured(signal, zero=zero), free=free) for zero in (2e-3, 0.0))
+    with_zero, without = (identify(STRIP, measured(signal, zero=zero), free="electrical") for zero in (5e-3, 0.0))
     found = with_zero.parameters[ZERO]
-    assert abs(found.value - 2e-3) < 4.0 * found.standard_error < 1e-4
+    assert abs(found.value - 5e-3) < 4.0 * found.standard_error < 1e-4
     assert ZERO not in without.parameters
     assert "start-not-at-rest" not in {finding.code for finding in with_zero.findings}
-    for name in free:
-        low, high = with_zero.parameters[name].interval
-        assert low <= STRIP[name] <= high
+    names = [name for name in with_zero.parameters if name.startswith("circuit.")]
+    inside = [low <= STRIP[name] <= high for name in names for low, high in [with_zero.parameters[name].interval]]
+    assert sum(inside) >= 4  # of five, at 95 %
+
+
+@pytest.mark.parametrize("follows", [0.0, 0.9])
+@pytest.mark.parametrize("signal", ["sine 1 V 0.2 Hz", "square 1 V 0.1 Hz", "step 1 V delay=1.85 s"])
+def test_a_drift_is_no_zero(signal: str, follows: float) -> None:
+    """Of a right model: the noise has the drift, and nothing is said of a zero, or of a start that was not at rest."""
+    clean = simulate(STRIP, signal, duration=40.0, rate=20.0)
+    assert clean.current is not None
+    drawn = np.random.default_rng(20261128).standard_normal(len(clean) + 200)
+    noise = 2e-4 * np.sqrt(1.0 - follows**2) * scipy.signal.lfilter([1.0], [1.0, -follows], drawn)[200:]
+    current = clean.current + 5e-5 * clean.time + noise
+    run = Run.from_arrays(time=clean.time, voltage=clean.voltage, current=current, hold="zero")
+    fit = identify(STRIP, run, free="electrical")
+    assert not {finding.code for finding in fit.findings} & {"sensor-zero", "start-not-at-rest"}
+    inside = [low <= STRIP[name] <= high for name, one in fit.parameters.items() for low, high in [one.interval]]
+    assert sum(inside) >= 4  # of five
+
+
+def test_rows_of_a_voltage_that_flickers_are_at_rest() -> None:
+    """One code of a converter up, now and then; and a wave that begins at once, read with noise, is not."""
+    voltage = np.concatenate([np.zeros(500), np.ones(500)])
+    voltage[[3, 160, 420]] = 4.88e-3
+    time = np.arange(1000) / 50.0
+    assert rest_rows(Run.from_arrays(time=time, voltage=voltage)) == 500
+    noise = 5e-3 * np.random.default_rng(20261128).standard_normal((10, 20_000))
+    times = np.arange(20_000) / 1000.0
+    for one in noise:
+        wave = Run.from_arrays(time=times, voltage=np.sin(2.0 * np.pi * 0.05 * times) + one)
+        assert rest_rows(wave) == 0
 
 
 def test_a_step_without_rest_does_not() -> None:

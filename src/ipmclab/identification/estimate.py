@@ -22,7 +22,6 @@ from ipmclab.identification.search.assumed import (
     could_be_zero,
     is_assumed_zero,
     not_at_rest,
-    not_at_zero,
     start_not_at_rest,
     with_less,
     without_idle,
@@ -36,6 +35,7 @@ from ipmclab.identification.search.lowest import find_minima
 from ipmclab.identification.search.pose import need_as_many_readings, solved_for, without_leak
 from ipmclab.identification.search.settled import settled_with_unfelt_held
 from ipmclab.identification.search.solve import Solution
+from ipmclab.identification.search.starts.start_circuit import shows_zero
 from ipmclab.identification.search.tangent import entry_errors, null_directions
 from ipmclab.identification.search.valleys import Minima, Rival
 from ipmclab.identification.solved import Estimate
@@ -54,6 +54,7 @@ def estimate(actuator: Actuator, names: FreeParameters, records: Sequence[Prepar
     """
     # Before any numerics; starting states are counted when their number is known.
     need_as_many_readings(len(unknowns_of(names, actuator.parameters(), records)), records)
+    records = [record.with_zero() if shows_zero(record, actuator.structure.branches) else record for record in records]
     problem, solution, minima, given_up = _least_squares(actuator, names, records)
     rivals = (*minima.rivals, *minima.along)
     stage("finding the noise in what the fit leaves", 0.5, 0.7, 1000)
@@ -150,9 +151,6 @@ def _least_squares(
     while True:
         searched, near, minima = find_minima(actuator, names, records)
         problem, solution = without_idle(searched, near, names)
-        if shown := not_at_zero(problem, solution):
-            records = [record.with_zero() if record.place in shown else record for record in records]
-            continue
         moving = not_at_rest(problem, solution) - given_up
         if not moving:
             break

@@ -44,18 +44,11 @@ def before_step(record: Record) -> list[Finding]:
 
 
 def _rows_at_rest(record: Record) -> int:
-    """How many rows there are at 0 V before the first edge, or before a wave, which has none, begins to move.
-
-    Where a wave begins so slowly that its line through these rows has a slope, they are not at rest.
-    """
+    """How many rows there are at 0 V before the first edge, or before a wave, which has none, begins to move."""
     if record.steps_from_rest:
         return int(record.edges[0]) - GUARD_ROWS
-    stop = rest_rows(record.run) - GUARD_ROWS
-    if not record.excited or stop < _FEWEST - GUARD_ROWS:
-        return 0
-    voltage, time = record.run.voltage[:stop], record.run.time[:stop] - record.run.time[:stop].mean()
-    level, slope, _, error = _line(time, voltage)
-    return 0 if abs(level) > NO_VOLTAGE or abs(slope) > _STANDARD_ERRORS * error else stop
+    stop = rest_rows(record.run) - GUARD_ROWS if record.excited else 0
+    return stop if stop > 0 and abs(float(record.run.voltage[:stop].mean())) <= NO_VOLTAGE else 0
 
 
 def _line(time: FloatArray, readings: FloatArray) -> tuple[float, float, float, float]:

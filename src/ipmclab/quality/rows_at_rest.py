@@ -10,6 +10,7 @@ from ipmclab.run import FloatArray, Run
 
 _MOVES: Final = 0.02, 0.002
 """Of the largest voltage: more is no rest, and less is one, however little its first rows scatter (convention)."""
+_RISES: Final = 0.05  # of the largest voltage, in less time than it rested before (convention)
 _SCATTERS: Final = 5.0  # standard deviations (convention)
 _SPIKE: Final = 5.0  # standard deviations about a resistant line, beyond which a reading is no noise (convention)
 
@@ -18,7 +19,8 @@ def rest_rows(run: Run) -> int:
     """How many rows come before the voltage first moves away from 0, or 0 when it is on from the first.
 
     A step leaves it at once, a wave slowly: what its first rows scatter over, the half of those before it is surely on,
-    says when. A voltage that never moves rests in every row.
+    says when it leaves and stays away. A wave that begins at once is near 0 too, for less time than it then takes to
+    rise. A voltage that never moves rests in every row.
 
     Examples
     --------
@@ -26,6 +28,8 @@ def rest_rows(run: Run) -> int:
     2
     >>> rest_rows(Run.from_arrays(time=[0.0, 1.0, 2.0, 3.0], voltage=[0.0, 0.0, 0.01, 1.0]))
     2
+    >>> rest_rows(Run.from_arrays(time=[0.0, 1.0, 2.0, 3.0], voltage=[0.0, 0.01, 0.03, 1.0]))
+    0
     """
     size = np.abs(run.voltage)
     largest, (most, least) = float(size.max(initial=0.0)), _MOVES
@@ -37,8 +41,9 @@ def rest_rows(run: Run) -> int:
         return 0
     first = quiet[: (len(quiet) + 1) // 2]
     scatter = max(least * largest, _SCATTERS * float(np.std(first)))
-    moved = np.flatnonzero(np.abs(quiet - np.median(first)) > scatter)
-    return int(moved[0]) if len(moved) else len(quiet)
+    still = np.flatnonzero(np.abs(quiet - np.median(first)) <= scatter)
+    rows = int(still[-1]) + 1 if len(still) else 0
+    return rows if int(np.argmax(size > _RISES * largest)) <= 2 * rows else 0
 
 
 def without_spikes(time: FloatArray, values: FloatArray, step: float) -> FloatArray:

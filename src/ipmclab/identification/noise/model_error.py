@@ -66,14 +66,14 @@ def slopes_of_model(
 ) -> set[Key]:
     """Currents of which the prediction is worse for a slope that rows at 0 V neither show nor exclude.
 
-    Where what is left beside it is white, the model is right, and the slope the sensor's. Where it is not, nobody can
-    tell: a slope that is none of the sensor takes the slow answer of the strip with it, and the readings lie farther
-    from what the parameters predict than without it.
+    Where what is left beside it is white, or of first order, as that of an amplifier, the model is right, and the slope
+    the sensor's. Where it is not, nobody can tell: a slope that is none of the sensor takes the slow answer of the
+    strip with it, and the readings lie farther from what the parameters predict than without it.
     """
     found = set()
     for key, zero in problem.zeros.items():
         few = np.count_nonzero(problem.readings[key].exact[: problem.record_at(key[0]).resting]) < FEWEST_OF_NOISE
-        unsure = few and not zero.rest.is_shown and (shapes[key].terms.order or shapes[key].terms.walk)
+        unsure = few and not zero.rest.is_shown and (shapes[key].terms.order > 1 or shapes[key].terms.walk)
         if key[1] == "current" and zero.terms.trend and unsure:
             away = problem.plain.evaluate(solution.theta).residual[problem.pieces[key]][zero.inside]
             if problem.noise[key] * float(np.std(away)) > WORSE * without.noise[key]:

@@ -86,11 +86,6 @@ class Evaluation:
         products[: len(found)], products[len(found) :] = found, 0.0
         return products
 
-    @cached_property
-    def basis(self) -> FloatArray:
-        """Orthonormal columns that span those of the Jacobian, shape (n_residual, n_unknown)."""
-        return np.linalg.qr(self.jacobian)[0]
-
     @property
     def _stretches(self) -> list[slice]:
         """The residuals, so many together that OpenBLAS multiplies them in place: more take it twice the time each."""

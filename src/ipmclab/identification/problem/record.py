@@ -37,10 +37,8 @@ LONGEST_DELAY: Final = 3
 """Rows by which the edges of a foreign record are searched to lie early or late."""
 
 _EDGE: Final = 0.05  # of the largest voltage
-
-SHOWS_ZERO: Final = 20
-"""Rows at 0 V before the first step from which the check of a record tells whether the current reads zero there."""
-
+_SHOWS_ZERO: Final = 20  # rows at 0 V from which the check of a record tells whether the current reads zero there
+_ZERO: Final = "offset", "current"
 _EXACT: Final = 1e-9  # of the range of the readings
 _SCATTERING: Final = 8  # readings, from which their scatter from one to the next says how noisy they are
 
@@ -141,7 +139,7 @@ class PreparedRun:
             return anywhere
         reading, voltage = self.readings[output], np.abs(self.run.voltage)
         rows = np.flatnonzero(reading.exact[: max(self.resting - LONGEST_DELAY, 0)])
-        if len(rows) < SHOWS_ZERO:
+        if len(rows) < _SHOWS_ZERO:
             return anywhere
         largest = float(np.ptp(reading.measured))
         driven = largest * float(voltage[rows].max()) / float(voltage.max())
@@ -170,7 +168,7 @@ class PreparedRun:
 
     @property
     def step(self) -> float:
-        """The usual step between rows [s]: their noise is counted in it."""
+        """The usual step between rows [s], in which their noise is counted."""
         return 1.0 / self.run.rate if self.run.is_uniform else float(np.median(np.diff(self.run.time)))
 
     def without(self, outputs: Collection[str]) -> PreparedRun:
@@ -200,21 +198,29 @@ class PreparedRun:
 
     @property
     def zero_is_unseen(self) -> bool:
-        """Whether nothing shows the zero of the current: the record begins with the voltage on, and no wave does."""
-        if ("offset", "current") in self.unsettled:
+        """Whether no row at 0 V shows the zero of the current, and it is not asked of the others."""
+        if _ZERO in self.unsettled:
             return False
         shown = np.count_nonzero(self.readings["current"].exact[: self.resting]) if "current" in self.readings else 0
-        return bool(shown < SHOWS_ZERO)
+        return bool(shown < _SHOWS_ZERO)
 
     @property
     def zero_is_taken(self) -> bool:
         """Whether the current of a run on a bench was taken to read zero at 0 V."""
         is_measured = "current" in self.readings and self.run.metadata.origin != "simulated"
-        return is_measured and ("offset", "current") not in self.unsettled
+        return is_measured and _ZERO not in self.unsettled
 
-    def with_zero(self) -> PreparedRun:
-        """The same, the zero of its current asked of the readings."""
-        return replace(self, unsettled=self.unsettled | {("offset", "current")})
+    @property
+    def voltage_shows_zero(self) -> bool:
+        """Whether a constant differs from every multiple of the voltage as much as rows at 0 V must show."""
+        voltage = self.run.voltage[self.readings["current"].exact]
+        return len(voltage) - float(voltage.sum()) ** 2 / max(float(voltage @ voltage), 1e-300) >= _SHOWS_ZERO
+
+    def with_zero(self, *, asked: bool = True) -> PreparedRun:
+        """The same, the zero of its current asked of the readings, or taken for none where no row at 0 V shows it."""
+        return replace(
+            self, unsettled=self.unsettled | {_ZERO} if asked else self.unsettled - {_ZERO} | self.shown.keys()
+        )
 
     @property
     def delay_is_free(self) -> bool:
@@ -330,7 +336,7 @@ def _start(run: Run, readable: Mask | None) -> Start:
         return "stated rest" if stated else "free"
     # Up to a few rows before the edge may belong to it already: a channel can lead another.
     quiet = rest_rows(run) - LONGEST_DELAY
-    if run.current is None and quiet >= SHOWS_ZERO:
+    if run.current is None and quiet >= _SHOWS_ZERO:
         return UNASKED_REST
     if quiet < LONGEST_DELAY or run.current is None or readable is None:
         return ASSUMED_REST

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence, Set
 from dataclasses import replace
 from typing import Final
@@ -10,15 +9,15 @@ from typing import Final
 import numpy as np
 
 from ipmclab.confidence import REJECT
-from ipmclab.identification.problem.evaluation import Evaluation
 from ipmclab.identification.problem.free import FreeParameters
 from ipmclab.identification.problem.problem import Problem
-from ipmclab.identification.problem.record import ASSUMED_REST, SHOWS_ZERO, PreparedRun
+from ipmclab.identification.problem.record import ASSUMED_REST, PreparedRun
 from ipmclab.identification.problem.unknowns import Unknown
 from ipmclab.identification.search.descent import minimum_from, start_with_fewer, weigh
 from ipmclab.identification.search.solve import Solution
 from ipmclab.run import Finding, FloatArray
 
+_ZERO: Final = "observation.offset.current"
 _BLIND: Final = 1e-4  # part of a column that the free parameters do not imitate, below which it says nothing
 
 
@@ -57,7 +56,9 @@ def without_idle(problem: Problem, solution: Solution, names: FreeParameters) ->
 def with_less(problem: Problem, solution: Solution, dropped: Set[int], resting: Set[int]) -> tuple[Problem, Solution]:
     """The fit without some entries, some runs being at rest at their start."""
     kept = [column for column in range(len(problem.unknowns)) if column not in dropped]
+    gone = {(problem.unknowns[column].base, problem.unknowns[column].place) for column in dropped}
     records = [replace(r, start=ASSUMED_REST) if r.place in resting else r for r in problem.records]
+    records = [r.with_zero(asked=False) if (_ZERO, r.place) in gone else r for r in records]
     smaller = Problem(
         problem.base, records, [problem.unknowns[column] for column in kept], problem.responder, problem.noise
     )
@@ -71,57 +72,41 @@ def not_at_rest(problem: Problem, solution: Solution) -> set[int]:
     Where rows at 0 V were recorded and no current, force and displacement are not asked (``UNASKED_REST``): there a
     sensor wanders as a strip that creeps does, and under voltage a starting state would follow what the model lacks.
     """
-    theta, here = solution.theta, solution.evaluation
+    tested = [record for record in problem.records if record.start == ASSUMED_REST]
+    if not tested:
+        return set()
+    theta, residual = solution.theta, solution.evaluation.residual
+    basis = np.linalg.qr(solution.evaluation.jacobian)[0]
     found: set[int] = set()
-    for record in problem.records:
-        if record.start != ASSUMED_REST:
-            continue
+    for record in tested:
         by_state = problem.responder.start_columns(
             record, problem.values(theta, record.place), problem.delay(theta, record)
         )
-        columns = np.zeros((len(here.residual), by_state.shape[2]))
+        columns = np.zeros((len(residual), by_state.shape[2]))
         for row, (output, reading) in enumerate(record.readings.items()):
             piece = problem.pieces[record.place, output]
             columns[piece] = by_state[row][reading.used] / problem.noise[record.place, output]
-        if _explains(columns, here):
+        if _explains(columns, basis, residual, len(theta)):
             found.add(record.place)
     return found
 
 
-def not_at_zero(problem: Problem, solution: Solution) -> set[int]:
-    """Places of runs without rows at 0 V whose readings contradict the zero of their current (F test).
-
-    Under a constant voltage a zero looks like the dc path. A wave shows it: asked are runs in which the parameters
-    leave of a constant as much as rows at 0 V must show.
-    """
-    found: set[int] = set()
-    for record in problem.records:
-        if record.zero_is_taken and record.zero_is_unseen:
-            column = np.zeros((len(solution.evaluation.residual), 1))
-            measured = record.readings["current"].exact_of_used
-            column[problem.pieces[record.place, "current"], 0] = measured
-            least = math.sqrt(SHOWS_ZERO / max(int(np.count_nonzero(measured)), SHOWS_ZERO))
-            if _explains(column, solution.evaluation, least):
-                found.add(record.place)
-    return found
-
-
-def _explains(columns: FloatArray, here: Evaluation, least: float = _BLIND) -> bool:
-    """Whether adding columns to a linearised fit explains too much, where the parameters leave a part of them."""
+def _explains(columns: FloatArray, basis: FloatArray, residual: FloatArray, unknowns: int) -> bool:
+    """Whether adding columns to a linearised fit, whose Jacobian has the orthonormal ``basis``, explains too much."""
     from scipy.special import fdtrc
 
     size = np.linalg.norm(columns, axis=0)
     columns = columns[:, size > 0] / size[size > 0]
     if not columns.shape[1]:
         return False
-    vectors, singular, _ = np.linalg.svd(columns - here.basis @ (here.basis.T @ columns), full_matrices=False)
-    vectors = vectors[:, singular > least]
+    vectors, singular, _ = np.linalg.svd(columns - basis @ (basis.T @ columns), full_matrices=False)
+    vectors = vectors[:, singular > _BLIND]
     added = vectors.shape[1]
-    freedom = len(here.residual) - here.basis.shape[1] - added
+    freedom = len(residual) - unknowns - added
     if not added or freedom < 1:
         return False
-    explained = float(np.sum((vectors.T @ here.residual) ** 2))
-    remaining = max(here.cost - explained, 1e-300)
+    explained = float(np.sum((vectors.T @ residual) ** 2))
+    remaining = max(float(residual @ residual) - explained, 1e-300)
     return bool(fdtrc(added, freedom, explained / added / (remaining / freedom)) < REJECT)
 
 
@@ -170,6 +155,6 @@ def zero_kept(problem: Problem, unknown: Unknown) -> Finding:
         "sensor-zero",
         "info",
         f"{label}: the zero of its {output} is not at zero (p < 0.1 %), so the offset was fitted too",
-        "zero the channel at import, on the rows before the first edge",
+        "record some seconds at 0 V first, and zero the channel at import on these rows",
         channel=output,
     )

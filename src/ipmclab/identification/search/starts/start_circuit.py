@@ -21,6 +21,7 @@ _DELAY_PARTS: Final = 4  # trials within each row
 _LEAST_DIRECT: Final = 1e-12  # S, where the current reads zero throughout
 _NEARLY_ALL: Final = 0.97  # largest part of the first resistance that may lie in series with the branches
 _ROWS_AFTER_EDGE: Final = 2500  # that are searched for where it lies: later ones say nothing of it
+_LEAVES: Final = 1.0 / 3.0  # of the squares: where there is none, 0.4 or more (`wrong_model`, waves)
 _MET: Final = 1.05  # ratio of poles below which they are one (convention)
 _SAME_COST: Final = 4.0  # of chi-square: two standard deviations
 
@@ -165,6 +166,25 @@ def fitted_poles(series: Sequence[SearchedRun], branches: int, *, tries: int = 3
     """The poles of some currents, whose direct term answers to the voltage itself."""
     direct = np.concatenate([run.drive.present for run in series])
     return search_poles(series, branches, np.vstack([direct, of_sensors(series)]), tries=tries)
+
+
+def shows_zero(record: PreparedRun, branches: int) -> bool:
+    """Whether a current without rows at 0 V shows its zero: most of what so many poles leave of it, and more than a
+    drift would.
+
+    Under a constant voltage a zero looks like the dc path, under a wave it does not. Of what a zero explains less, what
+    the model lacks may be the cause: that is asked of the noise.
+    """
+    if not (record.zero_is_taken and record.zero_is_unseen and record.voltage_shows_zero):
+        return False
+
+    def found() -> bool:
+        (series,) = current_series([record], starts_of(at_their_rows([record])))
+        sensors: tuple[tuple[str, ...], ...] = ((), ("offset",), ("drift",))
+        neither, zero, drift = (fitted_poles([replace(series, sensor=one)], branches).cost for one in sensors)
+        return zero < _LEAVES * neither and zero < drift
+
+    return record.keep(("zero", branches), found)
 
 
 def circuit_values(fractions: Admittance, values: Mapping[str, float], series: float) -> tuple[dict[str, float], bool]:
