@@ -14,7 +14,7 @@ from ipmclab.identification.problem.free_run import predict
 from ipmclab.identification.problem.record import LONGEST_DELAY, PreparedRun
 from ipmclab.model import Actuator
 from ipmclab.quality.noise import variance_for_means
-from ipmclab.quality.rows_at_rest import rest_rows
+from ipmclab.quality.rows_at_rest import rows_near_zero
 from ipmclab.run import FloatArray
 from ipmclab.statespace.noise_model import NoiseModel
 
@@ -46,7 +46,7 @@ def sensor_zeros(
         0 where the mean is within the noise, or where fewer than five readings show it.
     """
     # Channels of a foreign record may lead its voltage by a few rows.
-    rows = rest_rows(record.run) - (LONGEST_DELAY if record.delay_is_free else 0)
+    rows = rows_near_zero(record.run) - (LONGEST_DELAY if record.delay_is_free else 0)
     if not outputs or rows < _FEWEST_AT_REST or rows >= len(record.run) - 1:
         return dict.fromkeys(outputs, 0.0)
     answers = np.zeros((len(outputs), rows))

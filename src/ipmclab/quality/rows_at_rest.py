@@ -15,6 +15,19 @@ _SCATTERS: Final = 5.0  # standard deviations (convention)
 _SPIKE: Final = 5.0  # standard deviations about a resistant line, beyond which a reading is no noise (convention)
 
 
+def rows_near_zero(run: Run) -> int:
+    """How many rows come before the voltage first is more than a fiftieth of its largest: those of a slow wave too.
+
+    Examples
+    --------
+    >>> rows_near_zero(Run.from_arrays(time=[0.0, 1.0, 2.0, 3.0], voltage=[0.0, 0.01, 0.03, 1.0]))
+    2
+    """
+    size = np.abs(run.voltage)
+    on = size > _MOVES[0] * float(size.max(initial=0.0))
+    return int(np.argmax(on)) if on.any() else len(run)
+
+
 def rest_rows(run: Run) -> int:
     """How many rows come before the voltage first moves away from 0, or 0 when it is on from the first.
 
@@ -31,16 +44,13 @@ def rest_rows(run: Run) -> int:
     >>> rest_rows(Run.from_arrays(time=[0.0, 1.0, 2.0, 3.0], voltage=[0.0, 0.01, 0.03, 1.0]))
     0
     """
-    size = np.abs(run.voltage)
-    largest, (most, least) = float(size.max(initial=0.0)), _MOVES
-    on = np.flatnonzero(size > most * largest)
-    if not len(on):
-        return len(run)
-    quiet = run.voltage[: int(on[0])]
-    if not len(quiet):
-        return 0
+    near = rows_near_zero(run)
+    if near in (0, len(run)):
+        return near
+    size, quiet = np.abs(run.voltage), run.voltage[:near]
+    largest = float(size.max())
     first = quiet[: (len(quiet) + 1) // 2]
-    scatter = max(least * largest, _SCATTERS * float(np.std(first)))
+    scatter = max(_MOVES[1] * largest, _SCATTERS * float(np.std(first)))
     still = np.flatnonzero(np.abs(quiet - np.median(first)) <= scatter)
     rows = int(still[-1]) + 1 if len(still) else 0
     return rows if int(np.argmax(size > _RISES * largest)) <= 2 * rows else 0
