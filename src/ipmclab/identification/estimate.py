@@ -54,7 +54,6 @@ def estimate(actuator: Actuator, names: FreeParameters, records: Sequence[Prepar
     """
     # Before any numerics; starting states are counted when their number is known.
     need_as_many_readings(len(unknowns_of(names, actuator.parameters(), records)), records)
-    records = [record.with_zero() if shows_zero(record, actuator.structure.branches) else record for record in records]
     problem, solution, minima, given_up = _least_squares(actuator, names, records)
     rivals = (*minima.rivals, *minima.along)
     stage("finding the noise in what the fit leaves", 0.5, 0.7, 1000)
@@ -146,11 +145,19 @@ def _under_noise(
 def _least_squares(
     actuator: Actuator, names: FreeParameters, records: Sequence[PreparedRun]
 ) -> tuple[Problem, Solution, Minima, set[int]]:
-    """The lowest minimum, the others, and the runs whose readings contradict a start from rest: theirs is free."""
+    """The lowest minimum, the others, and the runs whose readings contradict a start from rest: theirs is free.
+
+    So is the zero of a current that no row at 0 V shows, where its wave does.
+    """
     given_up: set[int] = set()
     while True:
         searched, near, minima = find_minima(actuator, names, records)
         problem, solution = without_idle(searched, near, names)
+        count, left = actuator.structure.branches, problem.noise
+        zeroed = [record.place for record in records if shows_zero(record, count, left.get((record.place, "current")))]
+        if zeroed:
+            records = [record.with_zero() if record.place in zeroed else record for record in records]
+            continue
         moving = not_at_rest(problem, solution) - given_up
         if not moving:
             break

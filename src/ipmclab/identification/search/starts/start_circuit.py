@@ -168,14 +168,23 @@ def fitted_poles(series: Sequence[SearchedRun], branches: int, *, tries: int = 3
     return search_poles(series, branches, np.vstack([direct, of_sensors(series)]), tries=tries)
 
 
-def shows_zero(record: PreparedRun, branches: int) -> bool:
+def shows_zero(record: PreparedRun, branches: int, left: float | None) -> bool:
     """Whether a current without rows at 0 V shows its zero: most of what so many poles leave of it, and more than a
     drift would.
 
     Under a constant voltage a zero looks like the dc path, under a wave it does not. Of what a zero explains less, what
     the model lacks may be the cause: that is asked of the noise.
+
+    Parameters
+    ----------
+    record : PreparedRun
+    branches : int
+    left : float [A] or None
+        Standard deviation of what a fit leaves of its current, if that is read. Near the noise there is no zero to ask
+        for.
     """
-    if not (record.zero_is_taken and record.zero_is_unseen and record.voltage_shows_zero):
+    asked = record.zero_is_taken and record.zero_is_unseen and record.voltage_shows_zero
+    if left is None or not asked or _LEAVES * left**2 < record.readings["current"].noise ** 2:
         return False
 
     def found() -> bool:
