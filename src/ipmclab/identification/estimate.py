@@ -153,9 +153,8 @@ def _least_squares(
     while True:
         searched, near, minima = find_minima(actuator, names, records)
         problem, solution = without_idle(searched, near, names)
-        count, left = actuator.structure.branches, problem.noise
-        zeroed = [record.place for record in records if shows_zero(record, count, left.get((record.place, "current")))]
-        if zeroed:
+        branches = actuator.structure.branches
+        if zeroed := {record.place for record in records if shows_zero(record, branches, problem.noise)}:
             records = [record.with_zero() if record.place in zeroed else record for record in records]
             continue
         moving = not_at_rest(problem, solution) - given_up

@@ -17,7 +17,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-FloatArray = npt.NDArray[np.float64]
+from ipmclab.run import FloatArray
 
 _LAGS: Final = 6  # from two rows to half of them all (convention)
 _OWN: Final = 1e-3  # of the largest: a direction that is smaller is none (convention)

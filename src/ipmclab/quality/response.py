@@ -49,34 +49,36 @@ def nothing_but_noise(record: Record) -> list[Finding]:
     """
     if not record.excited:
         return []
-    found = []
-    for channel in record.channels.values():
-        if len(channel.values) >= 4 * _BLOCKS and _is_noise(record, channel):
-            unloaded = _is_unloaded(record, channel)
-            found.append(
-                Finding(
-                    code="noise-only",
-                    severity="warning",
-                    channel=channel.name,
-                    message=(
-                        f"no force is seen: the load cell reads {channel.show(float(np.mean(channel.values)))}, "
-                        f"the lower end of its range, with noise of {channel.show(channel.noise)}"
-                        if unloaded
-                        else f"the {channel.name} holds nothing but noise, {channel.show(channel.noise)}, "
-                        f"from {channel.show(channel.low)} to {channel.show(channel.high)}"
-                        if channel.high > channel.low
-                        else f"the {channel.name} reads {channel.show(channel.high)} in every row"
-                    ),
-                    repair="do not identify from this channel; "
-                    + (
-                        "is the tip on the cell?"
-                        if unloaded
-                        else "check that its instrument was connected and in range"
-                    ),
-                    values={"noise": channel.noise, "low": channel.low, "high": channel.high, "unloaded": unloaded},
-                )
-            )
-    return found
+    return [
+        _of_noise(channel, unloaded=_is_unloaded(record, channel))
+        for channel in record.channels.values()
+        if len(channel.values) >= 4 * _BLOCKS and _is_noise(record, channel)
+    ]
+
+
+def _of_noise(channel: Channel, *, unloaded: bool) -> Finding:
+    repair = "check that its instrument was connected and in range"
+    if unloaded:
+        message = (
+            f"no force is seen: the load cell reads {channel.show(float(np.mean(channel.values)))}, "
+            f"the lower end of its range, with noise of {channel.show(channel.noise)}"
+        )
+        repair = "is the tip on the cell?"
+    elif channel.high > channel.low:
+        message = (
+            f"the {channel.name} holds nothing but noise, {channel.show(channel.noise)}, "
+            f"from {channel.show(channel.low)} to {channel.show(channel.high)}"
+        )
+    else:
+        message = f"the {channel.name} reads {channel.show(channel.high)} in every row"
+    return Finding(
+        code="noise-only",
+        severity="warning",
+        channel=channel.name,
+        message=message,
+        repair=f"do not identify from this channel; {repair}",
+        values={"noise": channel.noise, "low": channel.low, "high": channel.high, "unloaded": unloaded},
+    )
 
 
 def _is_unloaded(record: Record, channel: Channel) -> bool:

@@ -8,8 +8,8 @@ import numpy as np
 
 from ipmclab.run import FloatArray, Run
 
-_MOVES: Final = 0.02, 0.002
-"""Of the largest voltage: more is no rest, and less is one, however little its first rows scatter (convention)."""
+_NO_REST: Final = 0.02  # of the largest voltage, and more (convention)
+_STILL: Final = 0.002  # of the largest voltage, and less, however little its first rows scatter (convention)
 _RISES: Final = 0.05  # of the largest voltage, in less time than it rested before (convention)
 _SCATTERS: Final = 5.0  # standard deviations (convention)
 _SPIKE: Final = 5.0  # standard deviations about a resistant line, beyond which a reading is no noise (convention)
@@ -24,7 +24,7 @@ def rows_near_zero(run: Run) -> int:
     2
     """
     size = np.abs(run.voltage)
-    on = size > _MOVES[0] * float(size.max(initial=0.0))
+    on = size > _NO_REST * float(size.max(initial=0.0))
     return int(np.argmax(on)) if on.any() else len(run)
 
 
@@ -50,7 +50,7 @@ def rest_rows(run: Run) -> int:
     size, quiet = np.abs(run.voltage), run.voltage[:near]
     largest = float(size.max())
     first = quiet[: (len(quiet) + 1) // 2]
-    scatter = max(_MOVES[1] * largest, _SCATTERS * float(np.std(first)))
+    scatter = max(_STILL * largest, _SCATTERS * float(np.std(first)))
     still = np.flatnonzero(np.abs(quiet - np.median(first)) <= scatter)
     rows = int(still[-1]) + 1 if len(still) else 0
     return rows if int(np.argmax(size > _RISES * largest)) <= 2 * rows else 0

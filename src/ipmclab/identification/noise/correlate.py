@@ -314,7 +314,7 @@ def with_noise(
         return Correlated(problem, solution, plain, pieces=pieces, blind=blind)
     fewer, near = _without(problem, solution, yielding, {piece.key for piece in searched})
     searched = [piece.among(fewer.unknowns) for piece in searched]
-    searched = [replace(p, allowed=p.allowed._replace(trend=p.allowed.trend and p.key not in still)) for p in searched]
+    searched = [replace(p, allowed=p.allowed._replace(trend=False)) if p.key in still else p for p in searched]
     system = System(fewer, near.evaluation, searched)
     chosen = choose_noise(system)
     shapes = with_constants(system, chosen, drifting)
@@ -338,9 +338,9 @@ def with_noise(
             kept = with_noise(problem, solution, (), again)
             if _left_more(least, kept.problem) > WORSE:  # and that is not what rows at 0 V say of a slope
                 return kept
-        if isinstance(least, DriftingProblem) and (moving := slopes_of_model(least, near, fewer, shapes)):
-            return with_noise(problem, solution, yielding, again, still | moving)
         plain = least.plain.evaluate(near.theta) if zeros else near.evaluation
+        if isinstance(least, DriftingProblem) and (moving := slopes_of_model(least, plain, fewer, shapes)):
+            return with_noise(problem, solution, yielding, again, still | moving)
         shapes = refine_noise(System(least.plain, plain, searched), shapes)
     pieces |= {piece.key: piece for piece in searched}
     return Correlated(least, near, plain, shapes, pieces, {**blind, **hidden})

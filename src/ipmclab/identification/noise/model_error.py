@@ -16,7 +16,6 @@ from ipmclab.identification.noise.pieces import Key, Piece
 from ipmclab.identification.noise.zeros import DriftingProblem
 from ipmclab.identification.problem.evaluation import Evaluation
 from ipmclab.identification.problem.problem import Problem
-from ipmclab.identification.search.solve import Solution
 from ipmclab.statespace.search import Allowed
 from ipmclab.statespace.shape import Shape
 
@@ -62,20 +61,30 @@ def model_errors(
 
 
 def slopes_of_model(
-    problem: DriftingProblem, solution: Solution, without: Problem, shapes: Mapping[Key, Shape]
+    problem: DriftingProblem, plain: Evaluation, without: Problem, shapes: Mapping[Key, Shape]
 ) -> set[Key]:
     """Currents of which the prediction is worse for a slope that rows at 0 V neither show nor exclude.
 
     Where what is left beside it is white, or of first order, as that of an amplifier, the model is right, and the slope
     the sensor's. Where it is not, nobody can tell: a slope that is none of the sensor takes the slow answer of the
     strip with it, and the readings lie farther from what the parameters predict than without it.
+
+    Parameters
+    ----------
+    problem : DriftingProblem
+    plain : Evaluation
+        With the residuals of its fit, zeros and slopes in them.
+    without : Problem
+        Weighed by what least squares without slopes leaves.
+    shapes : mapping of (place, output) to Shape
+        The noise.
     """
     found = set()
     for key, zero in problem.zeros.items():
         few = np.count_nonzero(problem.readings[key].exact[: problem.record_at(key[0]).resting]) < FEWEST_OF_NOISE
         unsure = few and not zero.rest.is_shown and (shapes[key].terms.order > 1 or shapes[key].terms.walk)
         if key[1] == "current" and zero.terms.trend and unsure:
-            away = problem.plain.evaluate(solution.theta).residual[problem.pieces[key]][zero.inside]
+            away = plain.residual[problem.pieces[key]][zero.inside]
             if problem.noise[key] * float(np.std(away)) > WORSE * without.noise[key]:
                 found.add(key)
     return found

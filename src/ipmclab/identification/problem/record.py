@@ -38,7 +38,8 @@ LONGEST_DELAY: Final = 3
 
 _EDGE: Final = 0.05  # of the largest voltage
 _SHOWS_ZERO: Final = 20  # rows at 0 V from which the check of a record tells whether the current reads zero there
-_ZERO: Final = "offset", "current"
+ZERO: Final = "offset", "current"
+OFFSET: Final = "observation.offset.current"
 _EXACT: Final = 1e-9  # of the range of the readings
 _SCATTERING: Final = 8  # readings, from which their scatter from one to the next says how noisy they are
 
@@ -199,7 +200,7 @@ class PreparedRun:
     @property
     def zero_is_unseen(self) -> bool:
         """Whether no row at 0 V shows the zero of the current, and it is not asked of the others."""
-        if _ZERO in self.unsettled:
+        if ZERO in self.unsettled:
             return False
         shown = np.count_nonzero(self.readings["current"].exact[: self.resting]) if "current" in self.readings else 0
         return bool(shown < _SHOWS_ZERO)
@@ -208,7 +209,7 @@ class PreparedRun:
     def zero_is_taken(self) -> bool:
         """Whether the current of a run on a bench was taken to read zero at 0 V."""
         is_measured = "current" in self.readings and self.run.metadata.origin != "simulated"
-        return is_measured and _ZERO not in self.unsettled
+        return is_measured and ZERO not in self.unsettled
 
     @property
     def voltage_shows_zero(self) -> bool:
@@ -219,7 +220,7 @@ class PreparedRun:
     def with_zero(self, *, asked: bool = True) -> PreparedRun:
         """The same, the zero of its current asked of the readings, or taken for none where no row at 0 V shows it."""
         return replace(
-            self, unsettled=self.unsettled | {_ZERO} if asked else self.unsettled - {_ZERO} | self.shown.keys()
+            self, unsettled=self.unsettled | {ZERO} if asked else self.unsettled - {ZERO} | self.shown.keys()
         )
 
     @property

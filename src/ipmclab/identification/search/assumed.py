@@ -11,13 +11,12 @@ import numpy as np
 from ipmclab.confidence import REJECT
 from ipmclab.identification.problem.free import FreeParameters
 from ipmclab.identification.problem.problem import Problem
-from ipmclab.identification.problem.record import ASSUMED_REST, PreparedRun
+from ipmclab.identification.problem.record import ASSUMED_REST, OFFSET, PreparedRun
 from ipmclab.identification.problem.unknowns import Unknown
 from ipmclab.identification.search.descent import minimum_from, start_with_fewer, weigh
 from ipmclab.identification.search.solve import Solution
 from ipmclab.run import Finding, FloatArray
 
-_ZERO: Final = "observation.offset.current"
 _BLIND: Final = 1e-4  # part of a column that the free parameters do not imitate, below which it says nothing
 
 
@@ -58,7 +57,7 @@ def with_less(problem: Problem, solution: Solution, dropped: Set[int], resting: 
     kept = [column for column in range(len(problem.unknowns)) if column not in dropped]
     gone = {(problem.unknowns[column].base, problem.unknowns[column].place) for column in dropped}
     records = [replace(r, start=ASSUMED_REST) if r.place in resting else r for r in problem.records]
-    records = [r.with_zero(asked=False) if (_ZERO, r.place) in gone else r for r in records]
+    records = [r.with_zero(asked=False) if (OFFSET, r.place) in gone else r for r in records]
     smaller = Problem(
         problem.base, records, [problem.unknowns[column] for column in kept], problem.responder, problem.noise
     )

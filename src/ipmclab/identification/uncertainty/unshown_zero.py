@@ -17,13 +17,12 @@ from ipmclab.fit.as_fitted import listed
 from ipmclab.identification.noise.pieces import directions_of
 from ipmclab.identification.noise.zeros import LARGEST_ZERO
 from ipmclab.identification.problem.problem import Problem
-from ipmclab.identification.problem.record import PreparedRun
+from ipmclab.identification.problem.record import OFFSET, PreparedRun
 from ipmclab.identification.search.solve import Solution
 from ipmclab.run import Finding, FloatArray
 from ipmclab.ties import names_by_size
 from ipmclab.units import CHANNELS
 
-OFFSET: Final = "observation.offset.current"
 _DITHERED: Final = 0.3  # of a step: with so much noise the mean of the readings shows what lies between two steps
 _NOTHING: Final = 1e-5  # of a column: below it a difference of squares is rounding
 

@@ -10,7 +10,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from ipmclab.identification.problem.edge_delay import EdgeDelay, starts_of
-from ipmclab.identification.problem.record import LONGEST_DELAY, PreparedRun, at_their_rows, drive
+from ipmclab.identification.problem.record import LONGEST_DELAY, ZERO, PreparedRun, at_their_rows, drive
 from ipmclab.identification.search.searched_run import SearchedRun, moves_of_rows, of_sensors
 from ipmclab.identification.search.varpro import PoleFit, search_poles
 from ipmclab.model import geometry
@@ -47,7 +47,7 @@ def current_series(records: Sequence[PreparedRun], delays: Mapping[int, float]) 
         step = None
         if reading.weights is not None:
             weight, step = weight * reading.weights, float(np.diff(since).min())
-        sensor = ("offset",) if ("offset", "current") in record.unsettled else ()
+        sensor = ("offset",) if ZERO in record.unsettled else ()
         found.append(SearchedRun(given, since, current, weight, record.start == "free", step, sensor))
     return found
 
@@ -168,7 +168,7 @@ def fitted_poles(series: Sequence[SearchedRun], branches: int, *, tries: int = 3
     return search_poles(series, branches, np.vstack([direct, of_sensors(series)]), tries=tries)
 
 
-def shows_zero(record: PreparedRun, branches: int, left: float | None) -> bool:
+def shows_zero(record: PreparedRun, branches: int, left: Mapping[tuple[int, str], float]) -> bool:
     """Whether a current without rows at 0 V shows its zero: most of what so many poles leave of it, and more than a
     drift would.
 
@@ -179,12 +179,11 @@ def shows_zero(record: PreparedRun, branches: int, left: float | None) -> bool:
     ----------
     record : PreparedRun
     branches : int
-    left : float [A] or None
-        Standard deviation of what a fit leaves of its current, if that is read. Near the noise there is no zero to ask
-        for.
+    left : mapping of (place, output) to float [SI]
+        Standard deviation of what a fit leaves of each output. Near the noise there is no zero to ask for.
     """
     asked = record.zero_is_taken and record.zero_is_unseen and record.voltage_shows_zero
-    if left is None or not asked or _LEAVES * left**2 < record.readings["current"].noise ** 2:
+    if not asked or _LEAVES * left[record.place, "current"] ** 2 < record.readings["current"].noise ** 2:
         return False
 
     def found() -> bool:
