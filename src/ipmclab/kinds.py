@@ -247,25 +247,25 @@ def tell_kinds(function: Callable[P, R]) -> Callable[P, R]:
             if words[name] not in _ANYTHING
         }
 
-    fine: set[tuple[str, type]] = set()  # of what is no collection the type alone decides
+    fine: set[tuple[str, type]] = set()  # where the type alone decides: all but lists and arrays
 
     def held(name: str, given: Any) -> Any:
-        taken = declared().get(name)
+        taken = None if (name, type(given)) in fine else declared().get(name)
         if taken is None:
             return given
         if taken.of_list is not None and isinstance(given, Iterator):
             given = list(given)
         if fault := taken.fault(name, given):
             raise fault
-        if isinstance(given, str) or not isinstance(given, Iterable):
+        if isinstance(given, (str, Mapping)) or not isinstance(given, Iterable):
             fine.add((name, type(given)))
         return given
 
     @functools.wraps(function)
     def told(*args: P.args, **kwargs: P.kwargs) -> R:
         known = fine.issuperset
-        if known(zip(names, map(type, args), strict=False)) and known(
-            zip(kwargs, map(type, kwargs.values()), strict=True)
+        if known(zip(names, map(type, args))) and (  # noqa: B905 - "strict" takes as long as the rest
+            not kwargs or known(zip(kwargs, map(type, kwargs.values())))  # noqa: B905
         ):
             return function(*args, **kwargs)
         places = [held(name, given) for name, given in zip(names, args, strict=False)]

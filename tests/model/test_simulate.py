@@ -221,7 +221,7 @@ def test_a_voltage_that_no_strip_can_be_under_is_refused(friend_2: Actuator, sig
 def test_outputs_beyond_floating_point_are_no_run(
     friend_2: Actuator, voltage: float, first_time: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    module = importlib.import_module("ipmclab.model.simulate")
+    module = importlib.import_module("ipmclab.model.outputs")
     monkeypatch.setattr("ipmclab.model.request.MOST_VOLTS", np.inf)  # which refuses them before
     monkeypatch.setattr(module, "_modal_loop", lambda _rows: modal_loop.modal if first_time else kernels.modal)
     with pytest.raises(InputError, match=r"of the simulated .* is .*; these numbers are beyond floating point"):

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import sys
+from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -27,6 +29,12 @@ from ipmclab.model.written_out import WrittenOut, written_out
 from ipmclab.run import Hold
 
 FloatArray = npt.NDArray[np.float64]
+
+EVERY: Final = tuple(range(len(OUTPUTS)))
+"""The places of all outputs."""
+
+_SHORT_RECORD: Final = 5000
+_has_simulated = False
 
 
 def simulate_outputs(
@@ -85,17 +93,9 @@ def simulate_outputs(
     names = [OUTPUTS[place] for place in chosen]
     if external_force is None and initial_state is None and delay == 0.0 and is_regular(times):
         period = (times[-1] - times[0]) / (len(times) - 1)
-        every = np.empty((len(OUTPUTS), len(times)))
-        if _by_modes(actuator, volts, period, hold, every):
-            values = every[chosen]
-            read_far(values, names, actuator.parameter_values)
-            return values
-        dense = _regular(actuator, period, chosen)
-        if dense is not None:
-            values = np.empty((len(chosen), len(times)))
-            dense.write(volts, hold, values)
-            read_far(values, names, actuator.parameter_values)
-            return values
+        regular = regular_outputs(actuator, volts, period, hold, chosen)
+        if regular is not None:
+            return regular
     from_rest = initial_state is None
     lines = [timeline(times, volts, hold, delay=delay, from_rest=from_rest)]
     if external_force is not None:
@@ -117,13 +117,28 @@ def simulate_outputs(
     return values
 
 
+def regular_outputs(
+    actuator: Actuator, volts: FloatArray, period: float, hold: Hold, chosen: Sequence[int] = EVERY
+) -> FloatArray | None:
+    """Some outputs at rows of one period [s], from rest; None where a period must be divided."""
+    values = np.empty((len(OUTPUTS), len(volts)))
+    if _by_modes(actuator, volts, period, hold, values):
+        values = values if tuple(chosen) == EVERY else values[list(chosen)]
+    else:
+        dense = _regular(actuator, period, chosen)
+        if dense is None:
+            return None
+        values = np.empty((len(chosen), len(volts)))
+        dense.write(volts, hold, values)
+    read_far(values, [OUTPUTS[place] for place in chosen], actuator.parameter_values)
+    return values
+
+
 def _by_modes(actuator: Actuator, volts: FloatArray, period: float, hold: Hold, every: FloatArray) -> bool:
     """Write all outputs from rest by the modes of the actuator; false where another way must answer."""
-    from ipmclab.model.numerics import kernels
-
     coefficients = modal_coefficients(actuator, period, hold)
     if coefficients is not None:
-        kernels.modal(volts, coefficients, every)
+        _modal_loop(len(volts))(volts, coefficients, every)
         return True
     with_law = leaking_loop(actuator, period, hold)
     if with_law is not None:
@@ -131,8 +146,27 @@ def _by_modes(actuator: Actuator, volts: FloatArray, period: float, hold: Hold, 
         return True
     found = modal_sections(actuator, period, hold)
     if found is not None:
+        from ipmclab.model.numerics import kernels
+
         kernels.modal_sections(volts, *found, every)
     return found is not None
+
+
+def _modal_loop(rows: int) -> Callable[[FloatArray, FloatArray, FloatArray], None]:
+    """The compiled loop, or the same loop as plain Python for the first short record of a process.
+
+    Loading the compiler takes most of a second, the plain loop some 10 ms for a short record; the digits
+    are the same. Whoever simulates again gets the compiled one.
+    """
+    global _has_simulated  # a process has one first time
+    first_time, _has_simulated = not _has_simulated, True
+    if first_time and rows <= _SHORT_RECORD and "ipmclab.model.numerics.kernels" not in sys.modules:
+        from ipmclab.model.numerics.modal_loop import modal
+
+        return np.errstate(over="ignore", invalid="ignore")(modal)  # the result is looked at
+    from ipmclab.model.numerics.kernels import modal as compiled
+
+    return compiled
 
 
 def modal_coefficients(actuator: Actuator, period: float, hold: Hold) -> FloatArray | None:

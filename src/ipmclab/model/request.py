@@ -27,6 +27,17 @@ MOST_VOLTS: Final = 1e5
 """Only a slip of a number or its unit is above: a strip of 0.2 mm breaks down long before."""
 
 
+def sum_of_squares(values: FloatArray) -> float:
+    """In half the time of a largest magnitude, of which its root is a bound; infinite or NaN where a value is.
+
+    Examples
+    --------
+    >>> sum_of_squares(np.array([3.0, -4.0])), sum_of_squares(np.array([1e200]))
+    (25.0, inf)
+    """
+    return float(np.vdot(values, values))  # which says nothing of an overflow
+
+
 def check_hold(hold: str) -> None:
     """Refuse a hold that does not say what the voltage did between rows.
 
@@ -54,15 +65,16 @@ def checked_voltage(voltage: npt.ArrayLike, rows: int) -> FloatArray:
     InputError
         Not so many numbers, or a voltage that no strip can be under.
     """
-    found, largest = _checked_rows("voltage", "V", voltage, rows)
-    if largest > MOST_VOLTS:
+    found, squares = _checked_rows("voltage", "V", voltage, rows)
+    if squares > MOST_VOLTS**2:
         row = int(np.abs(found).argmax())
-        raise InputError(
-            f"row {row} is {found[row]:g} V, a strip can be under {MOST_VOLTS:g} V at most",
-            code="out-of-range",
-            where="voltage",
-            repair="correct the number or its unit: strips are driven by 1 to 3 V",
-        )
+        if abs(found[row]) > MOST_VOLTS:
+            raise InputError(
+                f"row {row} is {found[row]:g} V, a strip can be under {MOST_VOLTS:g} V at most",
+                code="out-of-range",
+                where="voltage",
+                repair="correct the number or its unit: strips are driven by 1 to 3 V",
+            )
     return found
 
 
@@ -77,7 +89,7 @@ def checked_force(force: npt.ArrayLike, rows: int) -> FloatArray:
 
 
 def _checked_rows(name: str, unit: str, values: npt.ArrayLike, rows: int) -> tuple[FloatArray, float]:
-    """The values, and the largest magnitude among them."""
+    """The values, and the sum of their squares: no magnitude is above its root."""
     quantity = name.replace("_", " ")
     try:
         found = np.ascontiguousarray(values, dtype=np.float64)
@@ -92,16 +104,17 @@ def _checked_rows(name: str, unit: str, values: npt.ArrayLike, rows: int) -> tup
             where=name,
             repair=f"give one {quantity} [{unit}] for each of round(duration x rate) rows",
         )
-    largest = float(max(found.max(initial=0.0), -found.min(initial=0.0)))
-    if not math.isfinite(largest):  # a NaN is both of them
+    squares = sum_of_squares(found)
+    if not math.isfinite(squares):
         bad = np.flatnonzero(~np.isfinite(found))
-        raise InputError(
-            f"row {bad[0]} is {found[bad[0]]}",
-            code=f"bad-{name.replace('_', '-')}",
-            where=name,
-            repair=f"every row needs the {quantity} that was applied",
-        )
-    return found, largest
+        if len(bad):
+            raise InputError(
+                f"row {bad[0]} is {found[bad[0]]}",
+                code=f"bad-{name.replace('_', '-')}",
+                where=name,
+                repair=f"every row needs the {quantity} that was applied",
+            )
+    return found, squares
 
 
 def checked_record(time: npt.ArrayLike, voltage: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
@@ -206,7 +219,7 @@ def voltage_of(signal: Any, time: FloatArray, duration: Any, rate: float) -> tup
         What cannot be a voltage at these rows, a signal longer than the record.
     """
     if isinstance(signal, str):
-        from ipmclab.signals import parse
+        from ipmclab.signals.text import parse
 
         signal = parse(signal)
     if isinstance(signal, Run):

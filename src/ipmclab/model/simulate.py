@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
+from functools import cache
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
@@ -16,11 +16,11 @@ from ipmclab.model.actuator import Actuator
 from ipmclab.model.changing import changing_outputs
 from ipmclab.model.environment import Environment, EnvironmentHistory
 from ipmclab.model.environment.in_run import AnyEnvironment, Surroundings, surroundings
-from ipmclab.model.outputs import modal_coefficients, simulate_outputs
+from ipmclab.model.outputs import regular_outputs, simulate_outputs
 from ipmclab.model.ports import OUTPUTS
-from ipmclab.model.request import check_hold, count_rows, voltage_of
+from ipmclab.model.request import check_hold, count_rows, sum_of_squares, voltage_of
 from ipmclab.model.stages.circuit import CONTACT
-from ipmclab.model.stages.laser import blank_lost, read_far
+from ipmclab.model.stages.laser import blank_lost
 from ipmclab.model.validity import validity
 from ipmclab.run import Finding, Hold, Run, RunMetadata
 
@@ -31,9 +31,6 @@ FloatArray = npt.NDArray[np.float64]
 
 _TOO_LARGE: Final = 1e300
 """No output reaches this; sums of numbers below it are finite."""
-
-_SHORT_RECORD: Final = 5000
-_has_simulated = False
 
 
 @tell_kinds
@@ -97,7 +94,8 @@ def simulate(
         return _simulate_run(actuator, signal, duration, rate, initial_state, external_force, environment)
     check_hold(hold)
     rows, frequency = count_rows(duration, rate)
-    time = np.arange(rows, dtype=np.float64) / frequency
+    time = np.arange(rows, dtype=np.float64)
+    time /= frequency
     volts, given = voltage_of(signal, time, duration, frequency)
     asked = _Asked(time, volts, hold, given, initial_state, external_force, 1.0 / frequency)
     if environment is not None:
@@ -106,36 +104,16 @@ def simulate(
 
 
 def _outputs(actuator: Actuator, asked: _Asked) -> FloatArray:
-    """What is read at the rows, by modes where it can be."""
+    """What is read at the rows."""
     if asked.period is not None and asked.initial_state is None and asked.external_force is None:
-        numbers = modal_coefficients(actuator, asked.period, asked.hold)
-        if numbers is not None:
-            values = np.empty((len(OUTPUTS), len(asked.time)))
-            _modal_loop(len(asked.time))(asked.voltage, numbers, values)
-            read_far(values, OUTPUTS, actuator.parameter_values)
+        values = regular_outputs(actuator, asked.voltage, asked.period, asked.hold)
+        if values is not None:
             return values
     return simulate_outputs(
         *(actuator, asked.time, asked.voltage, asked.hold),
         initial_state=asked.initial_state,
         external_force=asked.external_force,
     )
-
-
-def _modal_loop(rows: int) -> Callable[[FloatArray, FloatArray, FloatArray], None]:
-    """The compiled loop, or the same loop as plain Python for the first short record of a process.
-
-    Loading the compiler takes most of a second, the plain loop some 10 ms for a short record; the digits
-    are the same. Whoever simulates again gets the compiled one.
-    """
-    global _has_simulated  # a process has one first time
-    first_time, _has_simulated = not _has_simulated, True
-    if first_time and rows <= _SHORT_RECORD and "ipmclab.model.numerics.kernels" not in sys.modules:
-        from ipmclab.model.numerics.modal_loop import modal
-
-        return np.errstate(over="ignore", invalid="ignore")(modal)  # the result is looked at
-    from ipmclab.model.numerics import kernels
-
-    return kernels.modal
 
 
 class _Asked(NamedTuple):
@@ -273,8 +251,8 @@ def _as_run(
     from_rest: bool,
     around: Surroundings | None = None,
 ) -> Run:
-    if not (values.max() < _TOO_LARGE and values.min() > -_TOO_LARGE):  # NaN is neither
-        output, row = np.argwhere(~(np.abs(values) < _TOO_LARGE))[0].tolist()
+    if not sum_of_squares(values) < _TOO_LARGE and len(bad := np.argwhere(~(np.abs(values) < _TOO_LARGE))):
+        output, row = bad[0].tolist()
         raise InputError(
             f"row {row} of the simulated {OUTPUTS[output]} is {values[output, row]:g}",
             code="bad-output",
@@ -296,22 +274,35 @@ def _as_run(
         metadata=about,
     )
     found = (*validity(actuator, run, signal), *(around.findings if around else ()))
-    return replace(run, metadata=replace(run.metadata, findings=found)) if found else run
+    if found:  # nobody has the run yet, and a copy takes as long as 2,000 rows
+        object.__setattr__(run, "metadata", _metadata(vars(about), findings=found))
+    return run
+
+
+@cache
+def _of_any_strip() -> Mapping[str, Any]:
+    from ipmclab.version import __version__
+
+    return vars(RunMetadata(origin="simulated", software_version=__version__))
+
+
+def _metadata(like: Mapping[str, Any], **others: Any) -> RunMetadata:
+    """With these fields, and all the rest like others: made by its name it takes ten times as long."""
+    found = object.__new__(RunMetadata)
+    found.__dict__.update(like, **others)
+    return found
 
 
 def _about(actuator: Actuator, signal: str | None, *, from_rest: bool, around: Surroundings | None) -> RunMetadata:
     """What is known of every run of an actuator under a signal: kept, it takes as long to make as 2,000 rows."""
-    from ipmclab.version import __version__
-
     there = around.about if around else {}
 
     def made() -> RunMetadata:
-        return RunMetadata(
-            origin="simulated",
+        return _metadata(
+            _of_any_strip(),
             sample=actuator.sample,
             signal=signal,
             starts_from_rest=from_rest,
-            software_version=__version__,
             parameters=actuator.parameter_values,
             **there,
         )

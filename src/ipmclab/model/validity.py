@@ -79,7 +79,7 @@ def validity(actuator: Actuator, run: Run, signal: Signal | str | None = None) -
     return (
         *_voltage(actuator, volts),
         *_bending(actuator, run, bending),
-        *_speed(actuator, run, signal),
+        *_speed(actuator, run, volts, signal),
         *_ring(actuator, run, volts, bending),
     )
 
@@ -91,7 +91,7 @@ def sentence(finding: Finding) -> str:
 
 def _largest(values: FloatArray) -> float:
     """The largest magnitude of the readings that there are."""
-    largest = max(float(values.max()), -float(values.min()))
+    largest = float(np.abs(values).max())
     if math.isnan(largest):
         there = values[~np.isnan(values)]
         return float(np.abs(there).max(initial=0.0))
@@ -205,10 +205,10 @@ def _lost(actuator: Actuator, displacement: FloatArray, run: Run) -> list[Findin
     ]
 
 
-def _speed(actuator: Actuator, run: Run, signal: Signal | str | None) -> list[Finding]:
+def _speed(actuator: Actuator, run: Run, volts: float, signal: Signal | str | None) -> list[Finding]:
     first = _limits(actuator).resonance.frequency
     stated = highest_frequency(signal if signal is not None else run.metadata.signal)
-    fastest = _mean_frequency(run) if stated is None else stated
+    fastest = _mean_frequency(run, volts) if stated is None else stated
     if fastest <= RESONANCE * first:
         return []
     goes = "varies at" if stated is None else "goes up to"
@@ -229,10 +229,10 @@ def _ring(actuator: Actuator, run: Run, volts: float, largest: float) -> list[Fi
     """A ring after an edge that the rows are too few to show."""
     limits = _limits(actuator)
     first = limits.resonance
-    if run.displacement is None or run.hold == "first" or run.rate >= 2.0 * first.frequency or first.damping_ratio >= 1:
+    if run.displacement is None or run.hold == "first" or first.damping_ratio >= 1:
         return []
-    if 2.0 * volts * limits.most_at_resonance <= RING * largest:  # no jump is larger
-        return []
+    if 2.0 * volts * limits.most_at_resonance <= RING * largest or run.rate >= 2.0 * first.frequency:
+        return []  # no jump is larger than twice the voltage, or the rows show the ring
     jump = max(_largest(np.diff(run.voltage)), abs(float(run.voltage[0])))
     if jump * limits.most_at_resonance <= RING * largest:
         return []
@@ -305,7 +305,7 @@ def highest_frequency(signal: Signal | str | None) -> float | None:
 
 def _parsed(text: str | None) -> Signal | None:
     from ipmclab.errors import InputError
-    from ipmclab.signals import parse
+    from ipmclab.signals.text import parse
 
     if not text or "file " in text:  # which would be read
         return None
@@ -315,15 +315,12 @@ def _parsed(text: str | None) -> Signal | None:
         return None
 
 
-def _mean_frequency(run: Run) -> float:
+def _mean_frequency(run: Run, largest: float) -> float:
     """The frequency [Hz] of the sine that changes from row to row as much as this voltage does, in the mean square."""
-    if len(run) < 2:
-        return 0.0
-    largest = _largest(run.voltage)
-    if largest == 0.0:
+    if len(run) < 2 or largest == 0.0:
         return 0.0
     volts = run.voltage / largest
-    steps = np.diff(volts)
+    steps = volts[1:] - volts[:-1]
     chord = math.sqrt(float(steps @ steps) / len(steps) / (float(volts @ volts) / len(volts)))
     return run.rate / math.pi * math.asin(min(1.0, 0.5 * chord))
 

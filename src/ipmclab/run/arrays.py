@@ -16,7 +16,7 @@ FloatArray = npt.NDArray[np.float64]
 def read_only(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
     """The array, which cannot be written to through this."""
     view = values.view()
-    view.flags.writeable = False
+    view.setflags(write=False)
     return view
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, TypedDict, Unpack, get_args
+from typing import TYPE_CHECKING, Any, Final, TypedDict, Unpack, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -20,6 +20,9 @@ from ipmclab.units import CHANNELS
 
 if TYPE_CHECKING:
     import xarray
+
+
+_ARRAYS: Final = ("time", "time_environment", *CHANNELS)
 
 
 class Readings(TypedDict, total=False):
@@ -87,12 +90,12 @@ class Run(Shown):
 
     def __post_init__(self) -> None:
         # A record is what was read: whoever wants other numbers makes another run of them.
-        for name in ("time", "time_environment", *CHANNELS):
-            values = getattr(self, name)
-            if values is not None:
-                object.__setattr__(self, name, read_only(values))
-        object.__setattr__(self, "quality", {name: read_only(bits) for name, bits in self.quality.items()})
-        object.__setattr__(self, "raw", {name: read_only(values) for name, values in self.raw.items()})
+        held = self.__dict__  # as a frozen class is written to when it is made
+        for name in _ARRAYS:
+            if held[name] is not None:
+                held[name] = read_only(held[name])
+        for name in ("quality", "raw"):
+            held[name] = {channel: read_only(values) for channel, values in held[name].items()}
 
     @classmethod
     def from_arrays(

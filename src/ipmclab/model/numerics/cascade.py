@@ -113,7 +113,7 @@ class Wiring:
     def coefficients(self, entries: FloatArray, period: float, hold: Hold) -> FloatArray | None:
         """The numbers of ``kernels.modal``; None where these modes do not fit it. Parameters as ``sections_over``."""
         found = None if self.sections != SECTIONS else self.sections_over(entries, period, hold)
-        return None if found is None or found[_NOT_READ].any() else found[_OF_THREE]
+        return None if found is None or any(found[_NOT_READ].tolist()) else found[_OF_THREE]
 
     def sections_of_many(
         self, entries: FloatArray, period: float, hold: Hold
@@ -154,8 +154,5 @@ def entries_of(blocks: Sequence[Block]) -> npt.NDArray[np.float64]:
 
 def _loop() -> Callable[..., bool]:
     """The compiled loop where a compiler is loaded, else the same as plain Python: the digits are the same."""
-    if "ipmclab.model.numerics.kernels" not in sys.modules:
-        return cascade
-    from ipmclab.model.numerics import kernels
-
-    return kernels.cascade
+    kernels = sys.modules.get("ipmclab.model.numerics.kernels")
+    return cascade if kernels is None else kernels.cascade

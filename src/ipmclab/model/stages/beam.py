@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from itertools import count
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -90,7 +91,7 @@ def resonance(values: Mapping[str, float]) -> Resonance:
 
 
 def _modes(values: Values) -> int:
-    return sum(1 for name in values if name.startswith("viscoelastic.") and name.endswith(".amplitude"))
+    return next(mode for mode in count() if f"viscoelastic.{mode}.amplitude" not in values)
 
 
 @dataclass(frozen=True)
