@@ -20,6 +20,7 @@ from ipmclab.consistency.polymers import MEMBRANES, PLATINUM
 from ipmclab.consistency.push import pushes
 from ipmclab.consistency.stiffness import ring_of_step, stiffness
 from ipmclab.data import published_sample
+from ipmclab.fit.in_brief import in_brief
 from ipmclab.model import Actuator, write_actuator
 from ipmclab.run import Finding, RunMetadata
 from ipmclab.sample import Sample
@@ -417,6 +418,19 @@ def test_the_published_sample_2_has_these_conflicts_and_no_other(published) -> N
         assert published[code].values["found"] == pytest.approx(found, rel=5e-3), code
         assert published[code].values["expected"] == pytest.approx(expected, rel=5e-3), code
         assert published[code].severity == "warning"
+
+
+@pytest.mark.parametrize(
+    ("code", "numbers"),
+    [
+        ("peak-above-series-resistance", ["205 ± 4.1 mA", "62.5 ± 3.7 mA"]),
+        ("prefix-disagrees", ["205 ± 4.1 mA", "180 ± 3.6 mA"]),
+        ("two-states", ["205 ± 4.1 mA", "67 ± 1.3 mA"]),
+    ],
+)
+def test_also_in_brief_a_conflict_holds_both_its_numbers(published, code: str, numbers: list[str]) -> None:
+    (line,), _ = in_brief([published[code]])
+    assert [number for number in numbers if number not in line.text] == []
 
 
 def test_the_messages_on_sample_2_hold_both_numbers_with_their_units(published) -> None:

@@ -456,6 +456,12 @@ def test_a_model_that_does_not_allow_the_current_is_no_fault_of_the_record(good:
     assert [one.code for one in in_brief(nothing, ["current", "force"])[0]] == ["impossible-current"]
 
 
+def test_a_peak_that_the_model_does_not_allow_is_said_once() -> None:
+    told = [finding("peak-above-series-resistance"), finding("impossible-current", "error")]
+    assert [one.code for one in in_brief(told)[0]] == ["impossible-current"]
+    assert [one.code for one in in_brief(told[:1])[0]] == ["peak-above-series-resistance"]
+
+
 def test_a_fit_of_no_use_shows_no_numbers(good: Fit) -> None:
     told = replace(good, findings=(finding("contact-lost", "error", message="the contact was open"),))
     first, second, *rest = told.summary().splitlines()

@@ -202,23 +202,25 @@ def test_a_recorder_that_ends_leaves_0_v_on_the_chassis(process: Process, tmp_pa
 
 
 def test_a_killed_recorder_s_output_that_is_stuck_is_not_called_0_v(tmp_path: Path) -> None:
-    process, log = Process(tmp_path, faults=["stuck at 3 s for 8 s"]), tmp_path / "guardian.log"
-    command = [sys.executable, "-c", RECORDER, process.address, str(log)]
-    recorder = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
-    assert recorder.stdout is not None
-    try:
-        assert recorder.stdout.readline() == "recording\n"
-        time.sleep(3.5)
-        recorder.kill()
-        until(lambda: "it was reset, but 1 V are still read" in log.read_text())
-        until(lambda: "is at 0 V" in log.read_text())  # once it moves again
-        assert process.level == 0.0
-        assert log.read_text().index("SWITCH THE AMPLIFIER OFF") < log.read_text().index("is at 0 V")
-    finally:
-        recorder.kill()
-        recorder.wait()
-        recorder.stdout.close()
-        process.end()
+    log = tmp_path / "guardian.log"
+    with serve("real") as chassis:
+        command = [sys.executable, "-c", RECORDER, chassis.address, str(log)]
+        recorder = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+        assert recorder.stdout is not None
+        try:
+            assert recorder.stdout.readline() == "recording\n"
+            happen(chassis, "stuck")
+            recorder.kill()
+            until(lambda: "it was reset, but 1 V are still read" in log.read_text())
+            until(lambda: "SWITCH THE AMPLIFIER OFF" in log.read_text())
+            assert "is at 0 V" not in log.read_text()
+            happen(chassis, "stuck", duration=0.0)  # it moves again
+            until(lambda: "is at 0 V" in log.read_text())
+            assert chassis.level == 0.0
+        finally:
+            recorder.kill()
+            recorder.wait()
+            recorder.stdout.close()
 
 
 def test_rows_that_the_chassis_lost_are_a_finding(chassis: StandIn) -> None:

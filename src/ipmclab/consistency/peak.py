@@ -56,7 +56,7 @@ def peak_above_series_resistance(known: KnownStrip, facts: Sequence[Fact]) -> li
     return [
         conflict(
             CODE,
-            f"{fact.where}{more}: the current reaches {bound}{measured}, but {fact.swing:.3g} V over "
+            f"{fact.where}{more}: the current reaches {bound}{measured} where {fact.swing:.3g} V over "
             f"{resistance:.4g} ohm {what} allow {allowed} at most: {how_sure(sigmas)}" + known.taken(names),
             "measure the resistance from clamp to clamp with a 10 kHz tone, where the branches are a short circuit; if "
             "it is as the model has it, the clamped section is fed directly (add the clamp or line stage)",

@@ -97,9 +97,8 @@ def prefix_of_facts(facts: Sequence[Fact]) -> list[Finding]:
                 found.append(
                     conflict(
                         CODE,
-                        f"{square.where}: the {square.signal} begins as the {step.signal} of {step.where}, whose "
-                        f"peak current is {bound}{first}, but the largest current of the whole square is {second}: "
-                        + how_sure(sigmas),
+                        f"{square.where}: the current of the {square.signal} is {second} at most where the "
+                        f"{step.signal} of {step.where} reaches {bound}{first}: " + how_sure(sigmas),
                         _EXPERIMENT,
                         found=second,
                         expected=first,

@@ -80,7 +80,8 @@ _FOLLOWS: Final = {
 What a record shows comes before all of it, where it is no matter of a few rows that were left out.
 """
 
-IMPOSSIBLE: Final = {"current-rises": "current", "peak-above-series-resistance": "current", "two-states": "current"}
+_PEAK: Final = "peak-above-series-resistance"
+IMPOSSIBLE: Final = {"current-rises": "current", _PEAK: "current", "two-states": "current"}
 """Warnings of readings that no strip with constant parameters gives, and their channel."""
 
 _OF_CURRENT: Final = ("capacitance-out-of-range", "sine-against-step")
@@ -221,8 +222,8 @@ def consequences_silent(findings: Sequence[Finding], outputs: Collection[str] = 
 
     Where the record of a channel cannot be right (an error that the record itself shows, a current that no strip
     draws), what a model leaves of that channel, and what its values contradict, is no news; nor is what an error leaves
-    open. Where the model itself does not allow the current, no news is how badly it follows it. Nor are single
-    shortcomings where the model explains nothing, or where the search did not end.
+    open. Where the model itself does not allow the current, no news is that its peak says so too, nor how badly the
+    model follows it. Nor are single shortcomings where the model explains nothing, or where the search did not end.
     """
     of_record = [one for one in findings if one.code not in _FOLLOWS and not is_aside(one, outputs)]
     broken = {one.channel for one in of_record if one.severity == "error"}
@@ -235,7 +236,7 @@ def consequences_silent(findings: Sequence[Finding], outputs: Collection[str] = 
         level = _FOLLOWS.get(one.code, 0)
         if one.code == NOT_ALLOWED:
             return not broken.isdisjoint({one.channel, None})
-        if one.code in ("model-explains-nothing", *LACKING) and one.channel in not_allowed:
+        if one.code in ("model-explains-nothing", _PEAK, *LACKING) and one.channel in not_allowed:
             return True
         if level > first or (one.code == "model-error" and one.channel in named):
             return True
