@@ -59,15 +59,15 @@ def test_the_time_of_a_run_has_what_it_needs_beside_its_signal() -> None:
 @pytest.mark.parametrize("name", ["rest", "hydration", "wet", "soak"])
 def test_a_time_that_cannot_be_is_refused(name: str) -> None:
     assert getattr(Allowance(**{name: 0.0}), name) == 0.0
-    for wrong in (-1.0, math.nan, *([math.inf] if name != "wet" else [])):
+    for wrong in (-1.0, math.nan, None, "60 s", *([math.inf] if name != "wet" else [])):
         with pytest.raises(InputError) as caught:
             Allowance(**{name: wrong})
         assert caught.value.where == name
 
 
 @pytest.mark.parametrize("name", ["rate", "longest"])
-@pytest.mark.parametrize("wrong", [0.0, -1.0, math.nan, math.inf])
-def test_a_rate_or_a_length_that_cannot_be_is_refused(name: str, wrong: float) -> None:
+@pytest.mark.parametrize("wrong", [0.0, -1.0, math.nan, math.inf, "10 Hz"])
+def test_a_rate_or_a_length_that_cannot_be_is_refused(name: str, wrong: object) -> None:
     with pytest.raises(InputError) as caught:
         Allowance(**{name: wrong})
     assert caught.value.where == name

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from numbers import Real
 from typing import Final
 
 import numpy as np
@@ -110,16 +111,22 @@ class Allowance:
 
     def __post_init__(self) -> None:
         for name in ("rest", "hydration", "wet", "soak"):
-            value = getattr(self, name)
-            if not value >= 0.0 or (math.isinf(value) and name != "wet"):
+            given = getattr(self, name)
+            if not _number(given) >= 0.0 or (math.isinf(given) and name != "wet"):
                 raise InputError(
-                    f"the time is {value:g} s", code="out-of-range", where=name, repair="give 0 s or more, such as 60 s"
+                    f"it is {given!r}, no time in s",
+                    code="out-of-range",
+                    where=name,
+                    repair="give 0 s or more, such as 60 s",
                 )
-        for name in ("rate", "longest"):
-            value = getattr(self, name)
-            if value is not None and not 0.0 < value < math.inf:
+        for name in ("longest", *(["rate"] if self.rate is not None else [])):
+            given = getattr(self, name)
+            if not 0.0 < _number(given) < math.inf:
                 raise InputError(
-                    f"it is {value:g}, it must be above 0", code="out-of-range", where=name, repair="leave it out"
+                    f"it is {given!r}, it must be a number above 0",
+                    code="out-of-range",
+                    where=name,
+                    repair="leave it out",
                 )
 
     def time(self, candidate: Candidate, before: Environment | None) -> float:
@@ -150,6 +157,11 @@ class Allowance:
             return error.code.removesuffix("-limit")
         alarms = Guard(self.limits, rate, _AT_THE_STRIP).look(0, answer)
         return alarms[0].limit if alarms else ""
+
+
+def _number(given: object) -> float:
+    """A number; NaN, which is in no range, for what is none."""
+    return float(given) if isinstance(given, Real) else math.nan
 
 
 def candidates(most: float, rate: float, longest: float, condition: Environment | None = None) -> Iterator[Candidate]:
