@@ -91,7 +91,7 @@ def sentence(finding: Finding) -> str:
 
 def _largest(values: FloatArray) -> float:
     """The largest magnitude of the readings that there are."""
-    largest = float(np.abs(values).max())
+    largest = max(float(np.maximum.reduce(values)), -float(np.minimum.reduce(values)))  # with no copy of a long record
     if math.isnan(largest):
         there = values[~np.isnan(values)]
         return float(np.abs(there).max(initial=0.0))
