@@ -1,4 +1,5 @@
-"""Every benchmark with a gate, one process each: ``python -m benchmarks [--gate] [--record]``.
+"""Every benchmark of speed, one process each: ``python -m benchmarks [--gate] [--record]``; with ``--gate`` those that
+have one.
 
 ``python -m benchmarks --stale`` lists the results that are older than the sources that they hang on; it fails where
 the changelog calls its newest version released.
@@ -12,7 +13,9 @@ import sys
 
 from benchmarks.sources import is_release, stale
 
-NAMES = ("core", "fit", "start")
+GATED = ("core", "fit", "start")
+REPORTED = (*GATED, "batch", "peers")
+"""What the page of the docs on speed is made of."""
 
 MEASUREMENTS = 3
 """A gate is missed by so many in a row: on one machine they differ by a tenth, and more where others share it."""
@@ -38,7 +41,7 @@ def main() -> None:
         return
     flags = [f"--{name}" for name, value in vars(options).items() if value]
     missed = []
-    for name in NAMES:
+    for name in GATED if options.gate else REPORTED:
         command = [sys.executable, "-m", f"benchmarks.{name}", *flags]
         for _ in range(MEASUREMENTS if options.gate else 1):
             if subprocess.run(command, check=False).returncode == 0:
