@@ -18,6 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
+import ipmclab
 from benchmarks.harness import Ratio, finish
 
 SOURCES = ("src/ipmclab/cli", "src/ipmclab/__init__.py", "src/ipmclab/model")
@@ -76,17 +77,24 @@ def watch(command: Command, folder: Path, turn: int) -> tuple[float, float]:
     return seconds, peak
 
 
-def commands() -> list[Command]:
+def commands(folder: Path) -> list[Command]:
+    run = folder / "given.nc"
+    if not run.exists():
+        ipmclab.write_run(
+            ipmclab.simulate(ipmclab.load_actuator("friend-2"), "step 1 V", duration=40.0, rate=50.0), run
+        )
     simulate = (
         "-m", "ipmclab", "simulate", "friend-2", "--signal", "step 1 V", "--duration", "40 s", "--rate", "50 Hz",
         "--out", "run.nc",
     )  # fmt: skip
+    identify = ("-m", "ipmclab", "identify", "friend-2", str(run), "--out", "fitted.toml")
     demo = ("-m", "ipmclab", "demo")
     return [
         Command("import numpy", ("-c", "import numpy"), rounds=15),
         Command("import of numpy, h5py, typer", ("-c", "import numpy, h5py, typer"), rounds=9),
-        Command("--help", ("-m", "ipmclab", "--help"), seconds=0.4, rounds=15),
-        Command("simulate", simulate, seconds=1.5, megabytes=400.0, rounds=9),
+        Command("--help", ("-m", "ipmclab", "--help"), seconds=0.2, rounds=15),
+        Command("simulate", simulate, seconds=0.5, megabytes=400.0, rounds=9),
+        Command("identify", identify, seconds=0.9, megabytes=400.0, rounds=9),
         Command("demo", demo, seconds=30.0, megabytes=400.0),
         Command("simulate, first run", simulate, megabytes=600.0, fresh_cache=True, rounds=1),
         Command("demo, first run", demo, megabytes=600.0, fresh_cache=True, rounds=1),
@@ -102,7 +110,7 @@ def main() -> None:
 
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        todo = commands()
+        todo = commands(folder)
         times: dict[str, list[float]] = {command.name: [] for command in todo}
         peaks: dict[str, list[float]] = {command.name: [] for command in todo}
         for command in todo:  # the first start reads files from disk and fills the kernel cache
