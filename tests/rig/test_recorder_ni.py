@@ -263,8 +263,9 @@ def test_a_long_or_rich_signal_starts_and_runs_on_under_the_guardian(
     try:
         with Guardian(chassis.rig) as guardian:
             outcome = captured(
-                NiBench(chassis.rig), signal, duration=duration, rate=rate, measured=("current",), zero_time=0.2,
-                zero_after=0.0, heartbeat=guardian, control=control, journal=lambda header: Nowhere(),
+                # Fed so far ahead that a busy machine which runs this for the others too does not run dry.
+                NiBench(chassis.rig, ahead=3.0), signal, duration=duration, rate=rate, measured=("current",),
+                zero_time=0.2, zero_after=0.0, heartbeat=guardian, control=control, journal=lambda header: Nowhere(),
                 on_block=AtRow(round(1.5 * rate), lambda: control.abort("enough")),
             )  # fmt: skip
             assert (outcome.state, outcome.reason) == ("aborted", "enough")
