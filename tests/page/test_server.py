@@ -21,6 +21,7 @@ from ipmclab.page.faults import add_faults
 from ipmclab.page.lab import Lab
 from ipmclab.page.server import bind, bind_own, vendored
 from ipmclab.page.settings import Settings
+from tests.waiting import HANGS
 
 
 def test_it_binds_this_computer_only_unless_told_otherwise() -> None:
@@ -98,6 +99,26 @@ def test_bad_options_are_refused(options: list[str], told: str, tmp_path: Path, 
     (tmp_path / "junk.pem").write_bytes(b"\xffjunk")
     assert run(["page", "--no-open", *options]) == 2
     assert told in capsys.readouterr().err
+
+
+def test_a_page_that_ends_within_a_request_says_no_fault(tmp_path: Path) -> None:
+    """An upload that hangs is given up: nothing went wrong, and there is no traceback at the terminal."""
+    command = [sys.executable, "-m", "ipmclab", "page", str(tmp_path), "--no-open", "--json"]
+    server = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert server.stdout is not None
+    text = ""
+    while "}" not in text and (line := server.stdout.readline()):
+        text += line
+    address = json.loads(text)["address"]
+    host = address.removeprefix("http://")
+    head = ("POST /uploads HTTP/1.1", f"Host: {host}", f"Origin: {address}", "Content-Length: 100000")
+    kind = "Content-Type: multipart/form-data; boundary=x"
+    with socket.create_connection(("127.0.0.1", int(host.rpartition(":")[2]))) as upload:
+        upload.sendall("\r\n".join([*head, kind, "", "--x\r\n"]).encode())
+        with urllib.request.urlopen(f"{address}/run") as answer:  # it has the other request by then
+            assert answer.status == 200
+        server.terminate()
+        assert server.communicate(timeout=HANGS)[1] == ""
 
 
 def test_a_served_page_is_guarded_and_small(tmp_path: Path) -> None:

@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import importlib
 import importlib.util
+import logging
 import os
 import socket
 import ssl
@@ -66,6 +67,7 @@ def serve(lab: Lab, settings: Settings, on_ready: Callable[[str, bool], None]) -
         ssl_keyfile=settings.key,
     )
     server = uvicorn.Server(config)
+    logging.getLogger("uvicorn.error").addFilter(lambda record: not (server.should_exit and is_of_the_end(record)))
     scheme = "http" if settings.certificate is None else "https"
     name = bracketed(settings.host)
     address = settings.origin or f"{scheme}://{name}:{port}"
@@ -79,6 +81,12 @@ def serve(lab: Lab, settings: Settings, on_ready: Callable[[str, bool], None]) -
         await serving
 
     asyncio.run(run())
+
+
+def is_of_the_end(record: logging.LogRecord) -> bool:
+    """Whether a message of the server is that it gave up a request, as it does when it ends: that is no fault."""
+    kind = record.exc_info[0] if record.exc_info else None
+    return record.getMessage().startswith("Cancel ") if kind is None else issubclass(kind, asyncio.CancelledError)
 
 
 def check_certificate(settings: Settings) -> None:
