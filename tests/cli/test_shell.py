@@ -12,7 +12,7 @@ import pytest
 import typer
 
 from ipmclab import InputError, Run, read_run, write_run
-from ipmclab.cli import expand_patterns, output
+from ipmclab.cli import expand_patterns, main, output
 from ipmclab.cli.options import SpreadCommand, matching_files
 
 VERBS = ("demo", "simulate", "import", "export", "check", "plot", "identify", "validate", "report")
@@ -101,6 +101,18 @@ def test_a_usage_error_with_json_is_a_document_on_stdout_and_the_message_on_stde
     assert error["code"] == "usage"
     assert "--rate" in error["message"]
     assert error["message"] in done.stderr
+
+
+def test_what_is_stopped_while_it_loads_says_so_in_one_line(monkeypatch, capsys) -> None:
+    class Loading:
+        def __getattr__(self, name: str) -> object:
+            raise KeyboardInterrupt
+
+    monkeypatch.setitem(sys.modules, "ipmclab.cli.app", Loading())
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 130
+    assert capsys.readouterr().err == "error: stopped before it began; run the command again\n"
 
 
 @pytest.mark.parametrize(

@@ -13,6 +13,9 @@ OBJECTS_BETWEEN: Final = 10_000
 """New objects between two looks of the garbage collector, Python's own number is 700: 0.3 of the 8 s of a demo in place
 of 0.8, with 5 MB more of memory."""
 
+INTERRUPTED: Final = 130
+"""Exit status after Ctrl-C: 128 + the number of the interrupt signal, as shells have it."""
+
 
 def main() -> NoReturn:
     """Run the command line and leave with its exit status."""
@@ -20,13 +23,17 @@ def main() -> NoReturn:
     # that takes 3 s takes 20 s. NumPy reads this when it is first imported.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     gc.disable()  # nothing of what is imported can be freed, and looking for it takes a tenth of a short command
-    from ipmclab.cli.app import run
+    try:
+        from ipmclab.cli.app import run
 
-    gc.set_threshold(OBJECTS_BETWEEN, *gc.get_threshold()[1:])
-    gc.enable()
-
-    words = sys.argv[1:]
-    sys.exit(run(expand_patterns(words) if sys.platform == "win32" else words))
+        gc.set_threshold(OBJECTS_BETWEEN, *gc.get_threshold()[1:])
+        gc.enable()
+        words = sys.argv[1:]
+        status = run(expand_patterns(words) if sys.platform == "win32" else words)
+    except KeyboardInterrupt:  # while it loads; from then on each verb says what became of its work
+        sys.stderr.write("error: stopped before it began; run the command again\n")
+        status = INTERRUPTED
+    sys.exit(status)
 
 
 def expand_patterns(words: Sequence[str]) -> list[str]:

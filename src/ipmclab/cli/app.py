@@ -16,6 +16,7 @@ import typer
 from typer.core import TyperCommand
 
 from ipmclab.cli import (
+    INTERRUPTED,
     again,
     baseline,
     characterise,
@@ -49,8 +50,6 @@ from ipmclab.errors import InputError, IpmclabError
 from ipmclab.version import __version__
 
 PROGRAM: Final = "ipmclab"
-INTERRUPTED: Final = 130
-"""Exit status after Ctrl-C: 128 + the number of the interrupt signal, as shells have it."""
 
 TRACEBACK: Final = "IPMCLAB_TRACEBACK"
 """Environment variable that, set to 1, shows where a fault of the program came from. No traceback comes otherwise."""

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
+from ipmclab.cli import INTERRUPTED
 from ipmclab.cli.options import Answer, Json, Yes, answers_in
 from ipmclab.cli.output import print_json
 from ipmclab.cli.record_view import View, files_typed, print_plan, print_results, short
@@ -26,9 +27,6 @@ if TYPE_CHECKING:
 
 RECORDER: Final = "ipmclab.cli.recorder"
 """The program of the recorder's own process."""
-
-INTERRUPTED: Final = 130
-"""Exit status after Ctrl-C, as shells have it: what was recorded is kept all the same."""
 
 _LOOK: Final = 0.05
 """How often [s] keys and signals are looked at."""
