@@ -70,10 +70,8 @@ def not_at_rest(problem: Problem, solution: Solution) -> set[int]:
     """Places of runs whose readings contradict the start from rest that was assumed (F test).
 
     Where rows at 0 V were recorded and no current, force and displacement are not asked (``UNASKED_REST``): there a
-    sensor wanders as a strip that creeps does, and under voltage a starting state would follow what the model lacks.
-
-    A relaxation that the model lacks decays as a starting state does: what that explains counts beside the voltage
-    behind lags of all time constants, too.
+    sensor wanders as a strip that creeps does, and under voltage a starting state would follow what the model lacks. A
+    relaxation that is lacking decays as a state does: this has to explain more beside the voltage behind lags, too.
     """
     tested = [record for record in problem.records if record.start == ASSUMED_REST]
     if not tested:
