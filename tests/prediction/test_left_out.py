@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ipmclab import Fit, InputError, identify, leave_one_run_out, read_fit, validate, write_fit
+from ipmclab import Fit, InputError, Run, identify, leave_one_run_out, read_fit, simulate, validate, write_fit
 from ipmclab.fit.in_brief import in_brief
 from tests.identification.brief import brief
 from tests.identification.many import CONTACT, ELECTRICAL, FRIEND, noisy
@@ -36,6 +36,22 @@ def test_a_run_is_predicted_as_by_a_fit_that_never_saw_it() -> None:
         assert one.inside["current"] == pytest.approx(score.inside_band, abs=0.02)
         assert one.standardised["current"] == pytest.approx(1.0, abs=0.1)
         assert one.undetermined == ()
+    assert "run-stands-out" not in {finding.code for finding in fit.findings}
+
+
+def test_the_zero_that_a_wave_shows_is_none_of_the_strip() -> None:
+    """The other run predicts it all the same."""
+    generator = np.random.default_rng(SEED)
+    runs = []
+    for signal, zero in (("square 1 V 0.1 Hz delay=2 s", 0.0), ("sine 1 V 0.2 Hz", 3e-3)):
+        clean = simulate(FRIEND, signal, duration=40, rate=20)
+        current = clean.current + zero + 1e-4 * generator.standard_normal(len(clean))
+        runs.append(Run.from_arrays(time=clean.time, voltage=clean.voltage, current=current))
+    fit = leave_one_run_out(identify(FRIEND, runs))
+    assert "observation.offset.current[1]" in fit.parameters
+    for one in fit.left_out:
+        assert one.rmse["current"] < 1.2e-4
+        assert one.inside["current"] > 0.9
     assert "run-stands-out" not in {finding.code for finding in fit.findings}
 
 

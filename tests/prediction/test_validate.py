@@ -79,6 +79,32 @@ def test_the_zero_of_a_preloaded_cell_is_taken_off_and_said(actuator: Actuator) 
     assert "2 mN of force" in finding.message
 
 
+@pytest.mark.parametrize("signal", ["square 1 V 0.1 Hz", "sine 1 V 0.2 Hz"])
+def test_the_zero_that_a_wave_without_rest_shows_is_taken_off_and_said(actuator: Actuator, signal: str) -> None:
+    noise = 1e-4 * np.random.default_rng(SEED).standard_normal(1000)
+    clean = record(actuator, signal, displacement=None, force=None)
+    validation = validate(actuator, replace(clean, current=clean.current + 2e-3 + noise))
+    (one,) = validation.runs
+    assert one.zeros == {"current": pytest.approx(2e-3, abs=4e-5)}
+    assert one.scores["current"].rmse == pytest.approx(1e-4, rel=0.1)
+    (finding,) = validation.findings
+    assert "mA of current, which its wave shows, was subtracted" in finding.message
+    assert validate(actuator, replace(clean, current=clean.current + noise)).runs[0].zeros == {}
+
+
+def test_a_record_that_begins_amid_a_wave_shows_no_zero(actuator: Actuator) -> None:
+    """Of a strip with more branches than the search has poles, a state at its start explains as much as a zero."""
+    strip = with_stages(actuator, "branches=4").replace(
+        **{"circuit.branches.2.resistivity": 40.0, "circuit.branches.2.permittivity": 2.0}
+    )
+    whole = record(strip, "square 1 V 0.05 Hz", 60.0, displacement=None, force=None)
+    noise = 1e-4 * np.random.default_rng(SEED).standard_normal(1500)
+    cut = Run.from_arrays(
+        time=whole.time[:1500], voltage=whole.voltage[1025:2525], current=whole.current[1025:2525] + noise
+    )
+    assert validate(actuator, cut).runs[0].zeros == {}
+
+
 def test_a_zero_within_the_noise_stays(actuator: Actuator) -> None:
     rng = np.random.default_rng(SEED)
     clean = record(actuator, "square 1 V 0.1 Hz delay=0.2 s")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -13,6 +13,9 @@ import numpy.typing as npt
 from ipmclab.tabled import Tabled
 
 FloatArray = npt.NDArray[np.float64]
+
+APART: Final = 10.0**0.5  # between neighbouring time constants: two to a decade imitate any between them (convention)
+_LONGEST: Final = 10.0  # times as long as the record: slower ones are straight lines in it, and look alike (a limit)
 
 
 @dataclass(frozen=True)
@@ -62,6 +65,19 @@ class Unmodelled(Tabled):
         ):
             raise ValueError("rows of fit.unmodelled have unequal lengths")
         return cls(constants, amplitudes, moved, seen)
+
+
+def lag_times(step: float, seen: float) -> FloatArray:
+    """Time constants [s] of lags that imitate any other: from a step between rows [s] to many times what is seen [s].
+
+    Examples
+    --------
+    >>> lag_times(0.1, 1.0).round(2).tolist()
+    [0.1, 0.32, 1.0, 3.16, 10.0]
+    """
+    count = int(np.ceil(np.log(_LONGEST * seen / step) / np.log(APART))) + 1
+    constants: FloatArray = step * np.power(APART, np.arange(count))
+    return constants
 
 
 def lagged(time: FloatArray, voltage: FloatArray, time_constants: FloatArray) -> FloatArray:

@@ -35,7 +35,7 @@ from ipmclab.identification.search.lowest import find_minima
 from ipmclab.identification.search.pose import need_as_many_readings, solved_for, without_leak
 from ipmclab.identification.search.settled import settled_with_unfelt_held
 from ipmclab.identification.search.solve import Solution
-from ipmclab.identification.search.starts.start_circuit import shows_zero
+from ipmclab.identification.search.starts.start_circuit import zero_of_wave
 from ipmclab.identification.search.tangent import entry_errors, null_directions
 from ipmclab.identification.search.valleys import Minima, Rival
 from ipmclab.identification.solved import Estimate
@@ -153,8 +153,8 @@ def _least_squares(
     while True:
         searched, near, minima = find_minima(actuator, names, records)
         problem, solution = without_idle(searched, near, names)
-        branches = actuator.structure.branches
-        if zeroed := {record.place for record in records if shows_zero(record, branches, problem.noise)}:
+        zeros = {r.place: zero_of_wave(r, actuator.structure.branches, problem.noise) for r in records}
+        if zeroed := {place for place, zero in zeros.items() if zero is not None}:
             records = [record.with_zero() if record.place in zeroed else record for record in records]
             continue
         moving = not_at_rest(problem, solution) - given_up

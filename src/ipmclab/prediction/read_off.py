@@ -12,10 +12,11 @@ from ipmclab.fit.fit import Fit
 from ipmclab.identification.noise.at_rest import Resting
 from ipmclab.identification.problem.free_run import predict
 from ipmclab.identification.problem.record import LONGEST_DELAY, PreparedRun
+from ipmclab.identification.search.starts.start_circuit import zero_of_wave
 from ipmclab.model import Actuator
 from ipmclab.quality.noise import variance_for_means
 from ipmclab.quality.rows_at_rest import rows_near_zero
-from ipmclab.run import FloatArray
+from ipmclab.run import FloatArray, Run
 from ipmclab.statespace.noise_model import NoiseModel
 
 _FEWEST_AT_REST: Final = 5  # readings, whose mean and scatter say whether a sensor reads zero (convention)
@@ -27,6 +28,8 @@ def sensor_zeros(
     model: Actuator, record: PreparedRun, outputs: Sequence[str], fit: Fit | None = None
 ) -> dict[str, float]:
     """What sensors read of a strip at rest: the mean of the readings before the voltage moves, less the answer there.
+
+    The zero of a current without such rows is what its wave shows by itself, as in a fit (``zero_of_wave``).
 
     A voltage that begins slowly moves the strip before it counts as on, and that is no zero. One is taken off where it
     is surely no mean of noise, which would only add its error to every reading: neither of the noise that these rows
@@ -43,12 +46,13 @@ def sensor_zeros(
     Returns
     -------
     zeros : dict of output to float [SI]
-        0 where the mean is within the noise, or where fewer than five readings show it.
+        0 where the mean is within the noise, or where nothing shows it.
     """
-    # Channels of a foreign record may lead its voltage by a few rows.
-    rows = rows_near_zero(record.run) - (LONGEST_DELAY if record.delay_is_free else 0)
-    if not outputs or rows < _FEWEST_AT_REST or rows >= len(record.run) - 1:
+    rows = rows_that_show_zero(record.run)
+    if not outputs or rows >= len(record.run) - 1:
         return dict.fromkeys(outputs, 0.0)
+    if not rows:
+        return {**dict.fromkeys(outputs, 0.0), **({"current": _of_wave(model, record)} if "current" in outputs else {})}
     answers = np.zeros((len(outputs), rows))
     if np.any(record.run.voltage[:rows]):
         answers = np.asarray(predict(model, record, outputs, 0.0))[:, :rows]
@@ -58,6 +62,22 @@ def sensor_zeros(
         kept = np.flatnonzero(reading.exact[:rows])[-_MOST_AT_REST:]
         found[output] = _zero_of((reading.values[:rows] - answer)[kept], record.run.time[kept], fit, output)
     return found
+
+
+def rows_that_show_zero(run: Run) -> int:
+    """How many rows before the voltage moves show the zeros of sensors; none where they are fewer than five.
+
+    Channels of a foreign record may lead its voltage by a few rows.
+    """
+    rows = rows_near_zero(run) - (LONGEST_DELAY if run.hold == "unknown" else 0)
+    return rows if rows >= _FEWEST_AT_REST else 0
+
+
+def _of_wave(model: Actuator, record: PreparedRun) -> float:
+    reading = record.readings["current"]
+    missed = (reading.values - predict(model, record, ["current"], 0.0)[0])[reading.exact]
+    left = {(record.place, "current"): float(np.sqrt(np.mean(missed**2))) if len(missed) else 0.0}
+    return zero_of_wave(record, model.structure.branches, left) or 0.0
 
 
 def _zero_of(before: FloatArray, time: FloatArray, fit: Fit | None, output: str) -> float:

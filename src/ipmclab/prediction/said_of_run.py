@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from ipmclab.identification.problem.record import LONGEST_DELAY
+from ipmclab.prediction.read_off import rows_that_show_zero
 from ipmclab.quality.beginning import REPAIR
 from ipmclab.quality.record import Record
 from ipmclab.quality.rows_at_rest import rest_rows
@@ -138,7 +139,8 @@ def said_of_run(one: RunValidation) -> list[Finding]:
         found.append(_delay_in_words(one))
     for name, zero in one.zeros.items():
         amount = f"{CHANNELS[name].to_display(zero):.3g} {CHANNELS[name].display_unit}"
-        source = "as in the fit" if one.used_in_fit else "the mean before the voltage first moves"
+        shown = "the mean before the voltage first moves" if rows_that_show_zero(one.run) else "which its wave shows"
+        source = "as in the fit" if one.used_in_fit else shown
         found.append(
             Finding(
                 "zero-taken-off",

@@ -103,11 +103,12 @@ def validate(actuator: Actuator | Fit, runs: Sequence[Run] | Run, *, used: Itera
 
     The prediction is a free run from rest: nothing of the response is shown to the model and
     nothing is refitted. Two things that belong to the record and not to the strip are settled
-    first, and said in ``findings``: the zero of each sensor, read before the voltage first moves,
-    and the delay of a run whose hold is unknown, the one at which the predicted shape (its scale
-    apart) is nearest to the readings. A run of the fit has what was found there: zero, drift,
-    delay, and the parameters that each run has for itself. Where each mounting of the fit has
-    parameters of its own, a run that names one of them is predicted with that mounting's.
+    first, and said in ``findings``: the zero of each sensor, read before the voltage first moves (of
+    a current that begins with a wave, what this shows of it), and the delay of a run whose hold is
+    unknown, the one at which the predicted shape (its scale apart) is nearest to the readings. A run
+    of the fit has what was found there: zero, drift, delay, and the parameters that each run has for
+    itself. Where each mounting of the fit has parameters of its own, a run that names one of them is
+    predicted with that mounting's.
 
     Parameters
     ----------

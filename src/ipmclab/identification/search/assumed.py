@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 
 from ipmclab.confidence import REJECT
+from ipmclab.fit.unmodelled import lag_times, lagged
 from ipmclab.identification.problem.free import FreeParameters
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.problem.record import ASSUMED_REST, OFFSET, PreparedRun
@@ -69,13 +70,15 @@ def not_at_rest(problem: Problem, solution: Solution) -> set[int]:
     """Places of runs whose readings contradict the start from rest that was assumed (F test).
 
     Where rows at 0 V were recorded and no current, force and displacement are not asked (``UNASKED_REST``): there a
-    sensor wanders as a strip that creeps does, and under voltage a starting state would follow what the model lacks.
+    sensor wanders as a strip that creeps does, and under voltage a starting state would follow what the model lacks. A
+    relaxation that is lacking decays as a state does: this has to explain more beside the voltage behind lags, too.
     """
     tested = [record for record in problem.records if record.start == ASSUMED_REST]
     if not tested:
         return set()
     theta, residual = solution.theta, solution.evaluation.residual
     basis = np.linalg.qr(solution.evaluation.jacobian)[0]
+    lags = _beyond(_lags(problem, len(residual)), basis)
     found: set[int] = set()
     for record in tested:
         by_state = problem.responder.start_columns(
@@ -85,28 +88,42 @@ def not_at_rest(problem: Problem, solution: Solution) -> set[int]:
         for row, (output, reading) in enumerate(record.readings.items()):
             piece = problem.pieces[record.place, output]
             columns[piece] = by_state[row][reading.used] / problem.noise[record.place, output]
-        if _explains(columns, basis, residual, len(theta)):
+        if all(_explains(columns, beside, residual) for beside in (basis, np.hstack([basis, lags]))):
             found.add(record.place)
     return found
 
 
-def _explains(columns: FloatArray, basis: FloatArray, residual: FloatArray, unknowns: int) -> bool:
-    """Whether adding columns to a linearised fit, whose Jacobian has the orthonormal ``basis``, explains too much."""
-    from scipy.special import fdtrc
+def _lags(problem: Problem, rows: int) -> FloatArray:
+    """What relaxations add to each output, shape (n_rows, n_lags): the voltage behind lags, of all runs together."""
+    constants = lag_times(min(r.step for r in problem.records), max(float(np.ptp(r.run.time)) for r in problem.records))
+    outputs = sorted({output for _, output in problem.pieces})
+    found = np.zeros((rows, len(outputs), len(constants)))
+    for key, piece in problem.pieces.items():
+        run = problem.record_at(key[0]).run
+        lags = lagged(run.time, run.voltage, constants)[:, problem.readings[key].used]
+        found[piece, outputs.index(key[1])] = lags.T / problem.noise[key]
+    return found.reshape(rows, -1)
 
+
+def _beyond(columns: FloatArray, basis: FloatArray) -> FloatArray:
+    """Orthonormal columns of what some columns add to an orthonormal basis."""
     size = np.linalg.norm(columns, axis=0)
     columns = columns[:, size > 0] / size[size > 0]
-    if not columns.shape[1]:
-        return False
     vectors, singular, _ = np.linalg.svd(columns - basis @ (basis.T @ columns), full_matrices=False)
-    vectors = vectors[:, singular > _BLIND]
+    return np.asarray(vectors[:, singular > _BLIND])
+
+
+def _explains(columns: FloatArray, basis: FloatArray, residual: FloatArray) -> bool:
+    """Whether adding columns to a linearised fit, beside columns of the orthonormal ``basis``, explains too much."""
+    from scipy.special import fdtrc
+
+    vectors = _beyond(columns, basis)
+    residual = residual - basis @ (basis.T @ residual)
     added = vectors.shape[1]
-    freedom = len(residual) - unknowns - added
-    if not added or freedom < 1:
-        return False
+    freedom = len(residual) - basis.shape[1] - added
     explained = float(np.sum((vectors.T @ residual) ** 2))
     remaining = max(float(residual @ residual) - explained, 1e-300)
-    return bool(fdtrc(added, freedom, explained / added / (remaining / freedom)) < REJECT)
+    return min(added, freedom) > 0 and bool(fdtrc(added, freedom, explained / added / (remaining / freedom)) < REJECT)
 
 
 def could_be_zero(

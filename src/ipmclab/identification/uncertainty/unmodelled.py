@@ -24,7 +24,7 @@ from typing import Final
 
 import numpy as np
 
-from ipmclab.fit.unmodelled import Unmodelled, lagged
+from ipmclab.fit.unmodelled import APART, Unmodelled, lag_times, lagged
 from ipmclab.identification.noise.correlate import Correlated
 from ipmclab.identification.noise.pieces import directions_of
 from ipmclab.model import Actuator
@@ -32,8 +32,6 @@ from ipmclab.model.order import Order
 from ipmclab.model.step_relaxation import step_relaxation
 from ipmclab.run import FloatArray
 
-_APART: Final = 10.0**0.5  # between neighbouring time constants: two to a decade imitate any between them (convention)
-_LONGEST: Final = 10.0  # times as long as the record: slower ones are straight lines in it, and look alike (a limit)
 _SIZES: Final = np.geomspace(1e-3, 4.0, 40)  # of s over what it is at most beforehand (convention)
 _NEGLIGIBLE: Final = 1e-6  # of the variance of the amplitudes, that a further direction of theirs adds (convention)
 
@@ -63,9 +61,8 @@ def _of_output(correlated: Correlated, model: Actuator, order: Order, output: st
     step = min(record.step for record in records)
     if not seen > 2.0 * step:
         return None
-    count = int(np.ceil(np.log(_LONGEST * seen / step) / np.log(_APART))) + 1
-    constants: FloatArray = step * np.power(_APART, np.arange(count))
-    spread = np.asarray(np.sqrt(np.log(_APART) * seen / constants), dtype=np.float64)
+    constants = lag_times(step, seen)
+    spread = np.asarray(np.sqrt(np.log(APART) * seen / constants), dtype=np.float64)
     most = step_relaxation(model, output, largest, step, seen)
     readings = _readings(correlated, output, constants, spread)
     if readings is None or not most > 0.0:

@@ -168,9 +168,9 @@ def fitted_poles(series: Sequence[SearchedRun], branches: int, *, tries: int = 3
     return search_poles(series, branches, np.vstack([direct, of_sensors(series)]), tries=tries)
 
 
-def shows_zero(record: PreparedRun, branches: int, left: Mapping[tuple[int, str], float]) -> bool:
-    """Whether a current without rows at 0 V shows its zero: most of what so many poles leave of it, and more than a
-    drift would.
+def zero_of_wave(record: PreparedRun, branches: int, left: Mapping[tuple[int, str], float]) -> float | None:
+    """The zero [A] of a current without rows at 0 V, where it explains most of what so many poles leave of it, and more
+    than a drift or a state at the start would.
 
     Under a constant voltage a zero looks like the dc path, under a wave it does not. Of what a zero explains less, what
     the model lacks may be the cause: that is asked of the noise.
@@ -180,17 +180,19 @@ def shows_zero(record: PreparedRun, branches: int, left: Mapping[tuple[int, str]
     record : PreparedRun
     branches : int
     left : mapping of (place, output) to float [SI]
-        Standard deviation of what a fit leaves of each output. Near the noise there is no zero to ask for.
+        Standard deviation of what a model leaves of each output. Near the noise there is no zero to ask for.
     """
     asked = record.zero_is_taken and record.zero_is_unseen and record.voltage_shows_zero
     if not asked or _LEAVES * left[record.place, "current"] ** 2 < record.readings["current"].noise ** 2:
-        return False
+        return None
 
-    def found() -> bool:
+    def found() -> float | None:
         (series,) = current_series([record], starts_of(at_their_rows([record])))
-        sensors: tuple[tuple[str, ...], ...] = ((), ("offset",), ("drift",))
-        neither, zero, drift = (fitted_poles([replace(series, sensor=one)], branches).cost for one in sensors)
-        return zero < _LEAVES * neither and zero < drift
+        of_sensor = (replace(series, sensor=(one,)) for one in ("offset", "drift"))
+        tried = (series, *of_sensor, replace(series, free_start=True))
+        neither, zero, *others = (fitted_poles([one], branches) for one in tried)
+        is_shown = zero.cost < min(_LEAVES * neither.cost, *(other.cost for other in others))
+        return float(zero.common[1]) if is_shown else None
 
     return record.keep(("zero", branches), found)
 
