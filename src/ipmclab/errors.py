@@ -11,6 +11,10 @@ _ALIKE: Final = 0.6
 """Likeness from which a name may have been meant: that of ``difflib.get_close_matches`` (convention)."""
 
 
+INTERRUPTED: Final = 130
+"""Exit status after Ctrl-C: 128 + the number of the interrupt signal, as shells have it."""
+
+
 class IpmclabError(Exception):
     """A job that ran and failed (exit status 1).
 

@@ -9,12 +9,11 @@ import sys
 from collections.abc import Sequence
 from typing import Final, NoReturn
 
+from ipmclab.errors import INTERRUPTED
+
 OBJECTS_BETWEEN: Final = 10_000
 """New objects between two looks of the garbage collector, Python's own number is 700: 0.3 of the 8 s of a demo in place
 of 0.8, with 5 MB more of memory."""
-
-INTERRUPTED: Final = 130
-"""Exit status after Ctrl-C: 128 + the number of the interrupt signal, as shells have it."""
 
 
 def main() -> NoReturn:

@@ -16,7 +16,6 @@ import typer
 from typer.core import TyperCommand
 
 from ipmclab.cli import (
-    INTERRUPTED,
     again,
     baseline,
     characterise,
@@ -46,7 +45,7 @@ from ipmclab.cli import (
 )
 from ipmclab.cli.options import PlainGroup, SpreadCommand
 from ipmclab.cli.output import print_json
-from ipmclab.errors import InputError, IpmclabError
+from ipmclab.errors import INTERRUPTED, InputError, IpmclabError
 from ipmclab.version import __version__
 
 PROGRAM: Final = "ipmclab"

@@ -11,11 +11,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ipmclab.cli import INTERRUPTED
 from ipmclab.cli.files import actuator_files, check_output, read_runs
 from ipmclab.cli.options import Force, Json, PerRun, RunFiles, Scheduler, Workers
 from ipmclab.cli.output import console, print_json, print_paragraph, print_table, read, significant
-from ipmclab.errors import InputError, IpmclabError
+from ipmclab.errors import INTERRUPTED, InputError, IpmclabError
 from ipmclab.units import CHANNELS
 
 if TYPE_CHECKING:

@@ -13,11 +13,10 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
-from ipmclab.cli import INTERRUPTED
 from ipmclab.cli.options import Answer, Json, Yes, answers_in
 from ipmclab.cli.output import print_json
 from ipmclab.cli.record_view import View, files_typed, print_plan, print_results, short
-from ipmclab.errors import InputError, IpmclabError
+from ipmclab.errors import INTERRUPTED, InputError, IpmclabError
 from ipmclab.platform import as_typed
 from ipmclab.toml_file import parse_table, read_text
 
