@@ -100,6 +100,22 @@ assert runs[0].content_sha256 == runs[1].content_sha256
     subprocess.run([sys.executable, "-c", program], check=True, timeout=300)
 
 
+def test_a_thread_simulates_while_another_is_loading_the_compiler() -> None:
+    program = """
+import importlib, sys, threading, ipmclab
+actuator = ipmclab.load_actuator("friend-2")
+kernels = "ipmclab.model.numerics.kernels"
+loading = threading.Thread(target=importlib.import_module, args=(kernels,))
+loading.start()
+while kernels not in sys.modules:
+    pass
+run = ipmclab.simulate(actuator, "step 1 V", duration=10, rate=50)
+loading.join()
+assert run.content_sha256 == ipmclab.simulate(actuator, "step 1 V", duration=10, rate=50).content_sha256
+"""
+    subprocess.run([sys.executable, "-c", program], check=True, timeout=300)
+
+
 @pytest.mark.parametrize("frequency", [0.02, 0.4, 3.0])
 def test_settled_sine_is_the_frequency_response(friend_2: Actuator, frequency: float) -> None:
     # 400 rows a period: a straight line misses the sine by (2 pi/400)^2/12 of its amplitude.
