@@ -201,12 +201,14 @@ def test_a_shunt_upstream_of_which_the_voltage_was_sensed_stands_in_series(frien
         ({"signal": np.ones(9)}, "voltage: the array has shape (9,), there are 10 rows"),
         ({"signal": np.ones((10, 1))}, "the array has shape (10, 1), there are 10 rows"),
         ({"signal": [1.0] * 9 + [np.nan]}, "voltage: row 9 is nan; every row needs the voltage that was applied"),
+        ({"signal": np.ma.array(range(10), mask=[0] * 7 + [1] * 3)}, "voltage: row 7 is nan"),
         ({"signal": [1.0] * 9 + [-np.inf]}, "voltage: row 9 is -inf"),
         ({"signal": ["one"] * 10}, "signal: this is a list, not a run, a signal, a text or an array of numbers"),
         (
             {"signal": signals.Samples(time=[0.0, 3.0], voltage=[1.0, 1.0])},
             "it reaches to 3 s, the record to 0.2 s; record longer, or shorten the signal",
         ),
+        ({"initial_state": {"beam.velocity": "fast"}}, "0.0, 0.0, 'fast'] is not one finite value"),
         ({"initial_state": [1.0, 2.0]}, "initial_state: [1.0, 2.0] is not one finite value for each of circuit"),
         (
             {"initial_state": {"beam.displacment": 1.0}},

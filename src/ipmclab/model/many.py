@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Final, TypeVar, overload
+from typing import TYPE_CHECKING, Any, Final, TypeVar, overload
 
 import numpy as np
 import numpy.typing as npt
@@ -251,7 +251,16 @@ def _by_function(batch: Batch, function: Reduce, gpu: bool) -> dict[str, FloatAr
     found: list[dict[str, FloatArray]] = []
     for values in _in_order(batch, size, partial(_values, gpu=gpu)):
         given = {name: values[:, place] for place, name in enumerate(batch.outputs)}
-        made = {name: np.asarray(array) for name, array in function(given).items()}
+        reduced: Any = function(given)  # which is not ours
+        if not isinstance(reduced, Mapping) or (found and reduced.keys() != found[0].keys()):
+            what = f"names {list(reduced)}" if isinstance(reduced, Mapping) else f"a {type(reduced).__name__}"
+            raise InputError(
+                f"the function returned {what}, not arrays by the same names for each block",
+                code="bad-reduction",
+                where="reduce",
+                repair="return a dict, such as {'largest': outputs['force'].max(axis=1)}",
+            )
+        made = {name: np.asarray(array) for name, array in reduced.items()}
         for name, array in made.items():
             if not array.ndim or len(array) != len(values):
                 raise InputError(
