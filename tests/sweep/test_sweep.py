@@ -236,6 +236,7 @@ def test_tables_that_cannot_be(tmp_path: Path, text: str | bytes, message: str) 
         ('low = "0.8 GPa"', 'low = "0.1 Pa"', "sweep: beam.modulus.*outside the allowed"),
         ("base = 512", "base = 500", "give a power of two, such as 256 or 512"),
         ("base = 512", "base = 0", "0 is below 1"),
+        ("base = 512", "base = 1 ", "one pair of points does not show how sure an index is"),
         ('kind = "saltelli"', 'kind = "fourier"', "'fourier' is not"),
         ("force.rms", "force.rmss", r"sweep: metrics: .*did you mean 'force\.rms'"),
         ("sine 1 V 0.5 Hz", "sine 1 V 80 Hz", "rows at 50 Hz follow it to 25 Hz"),

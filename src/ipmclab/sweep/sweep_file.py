@@ -28,8 +28,14 @@ _MOST_POINTS: Final = 2**30
 _MOST_SLICES: Final = 10_000_000
 """Of a Latin hypercube, which is kept as a whole."""
 
-_FEWEST_WAYS, _MOST_WAYS = 2, 100_000
+_MOST_WAYS: Final = 100_000
 """Of a Morris design, which is kept as a whole."""
+
+_ALONE: Final = {
+    "morris": ("one way does not show how much an effect varies", 20),
+    "saltelli": ("one pair of points does not show how sure an index is", 512),
+}
+"""Designs that show nothing with one point: why, and how many are usual."""
 
 _MOST_PARAMETERS: Final = 50
 
@@ -234,16 +240,10 @@ def _check_counts(design: _DesignTable, parameters: int) -> None:
             where="design.base",
             repair="take fewer" + ("" if most == _MOST_POINTS else ", or the kind sobol, which needs no memory"),
         )
-    if design.kind == "morris":
-        if design.base < _FEWEST_WAYS:
-            raise InputError(
-                f"{design.base} ways do not show how much an effect varies",
-                code="bad-base",
-                where="design.base",
-                repair=f"give 20, or at least {_FEWEST_WAYS}",
-            )
-        return
-    if design.kind != "latin-hypercube" and design.base & (design.base - 1):
+    if design.base == 1 and design.kind in _ALONE:
+        why, usual = _ALONE[design.kind]
+        raise InputError(why, code="bad-base", where="design.base", repair=f"give {usual}, or at least 2")
+    if design.kind in ("sobol", "saltelli") and design.base & (design.base - 1):
         below = 1 << (design.base.bit_length() - 1)
         raise InputError(
             f"{design.base} points of a Sobol sequence do not fill the ranges evenly",
