@@ -118,8 +118,9 @@ def simulate_many(
 ) -> Responses | dict[str, FloatArray]:
     """Simulate one actuator with many parameter sets, under one voltage or one for each set, from rest.
 
-    The numbers are those of ``simulate`` for each set, to 1e-12 of the largest. Linear actuators go side by side
-    through one compiled loop, others one by one; both on all processors.
+    The numbers are those of ``simulate`` for each set, to 1e-12 of the largest; where two poles are within 1 % of each
+    other, to 1e-10. Linear actuators go side by side through one compiled loop, others one by one; both on all
+    processors.
 
     Parameters
     ----------
