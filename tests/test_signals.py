@@ -396,6 +396,10 @@ def test_equal_values_make_equal_signals() -> None:
             lambda: signals.Samples([0.0, 1.0], [1.0, 2.0, 3.0]),
             "voltage: there are 3 voltages and 2 times; give one voltage for each",
         ),
+        (
+            lambda: signals.Samples([0.0, 1.0], np.ma.array([1, 2], mask=[False, True])),
+            "voltage: sample 1 is nan; every sample needs a number",
+        ),
         (lambda: signals.Samples([0.0], [1.0]), "time: this is not a column of two or more numbers: [0.0]"),
         (lambda: signals.Samples([0.0, 1.0], [1.0, math.nan]), "voltage: sample 1 is nan"),
         (lambda: signals.Samples([0.0, 2.0, 1.0], [1, 1, 1]), "time: sample 2 is at 1 s, not after 2 s"),

@@ -301,8 +301,9 @@ def test_no_damage_of_a_run_gives_a_traceback(
         ("a.csv", b"0,1\n1\n", "line 2, voltage"),
         ("a.csv", b"0,1\n1,5,2\n", "line 2: 3 cells, the first line has 2; write numbers with a decimal point"),
         ("a.csv", b"time,voltage\n0,1\n\n1,5,2\n", "line 4: 3 cells, the first line has 2"),
+        ("a.csv", b'0,1\n1,"2\n', "line 2: it cannot be read as cells: unexpected end of data"),
         ("a.csv", b"0,1\n1," + b"1" * 200_000 + b"\n", "line 2: it cannot be read as cells: field larger than"),
-        ("a.csv", b"\xff\xfe\x00", "it cannot be read as text"),
+        ("a.csv", b"\xff\xfe\x00", "cannot be read as text: 'utf-8' codec"),
         ("a.nc", b"CDF", "this is no run with a time and a voltage"),
     ],
 )

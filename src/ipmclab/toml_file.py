@@ -8,7 +8,7 @@ from typing import Any
 from ipmclab.errors import InputError
 
 
-def read_text(path: Path, *, kind: str, missing: InputError) -> str:
+def read_text(path: Path, *, kind: str, missing: InputError, repair: str = "give a TOML file") -> str:
     """The text of a file.
 
     Parameters
@@ -18,6 +18,8 @@ def read_text(path: Path, *, kind: str, missing: InputError) -> str:
         What it should be, as "an import map".
     missing : InputError
         What is said where there is none.
+    repair : str
+        What is said where it is no text.
 
     Raises
     ------
@@ -37,7 +39,7 @@ def read_text(path: Path, *, kind: str, missing: InputError) -> str:
         raise missing from None
     except (OSError, ValueError) as error:
         raise InputError(
-            f"the file cannot be read as text: {error}", code="bad-file", where=where, repair="give a TOML file"
+            f"the file cannot be read as text: {error}", code="bad-file", where=where, repair=repair
         ) from error
 
 

@@ -54,6 +54,21 @@ def test_workers_give_the_same_files_and_a_figure_shows_them(command, tmp_path: 
         assert command("sweep", "m.toml", "--out", "more", *words).status == 2
 
 
+def test_sets_without_a_reading_are_counted(command, tmp_path: Path) -> None:
+    begin = TEMPLATE[: TEMPLATE.index("[design]")]
+    for before, after in (
+        ('"friend-2" ', '"friend-2+laser" '),
+        ("force.rms", "displacement.final"),
+        ("sine", "cosine"),
+    ):
+        begin = begin.replace(before, after)
+    (tmp_path / "far.toml").write_text(f'table = "far.csv"\n{begin}')
+    (tmp_path / "far.csv").write_text("laser.range [mm]\n12\n0.001\n0.001\n")
+    done = command("sweep", "far.toml", "--out", "far")
+    assert "displacement.final: 2 of 3 sets have no reading" in done.out
+    assert "displacement.peak: " not in done.out
+
+
 def test_what_is_missing_is_said(command) -> None:
     assert "there is no sweep" in command("sweep").err
     assert command("sweep", "none.toml", "--out", "x").status == 2

@@ -178,12 +178,32 @@ def test_what_is_asked_wrongly_is_named() -> None:
         simulate_many(actuator, ["step 1 V", "step 2 V"], {"beam.modulus": [1e9, 2e9, 3e9]}, **MANY)
     with pytest.raises(InputError, match="'swing' has shape"):
         simulate_many(actuator, "step 1 V", reduce=lambda outputs: {"swing": [1.0, 2.0]}, **MANY)
+    with pytest.raises(InputError, match="returned a ndarray, not arrays by the same names"):
+        simulate_many(actuator, "step 1 V", reduce=lambda outputs: outputs["force"].max(axis=1), **MANY)
+    with pytest.raises(InputError, match=r"signals\[1\]\.voltage: the array has shape \(2,\)"):
+        simulate_many(actuator, [rough(), [1.0, 2.0]], **MANY)
+    with pytest.raises(InputError, match="outputs: no output is named"):
+        simulate_many(actuator, "step 1 V", outputs=[], **MANY)
+    with pytest.raises(InputError, match="unknown parameter 1"):
+        simulate_many(actuator, "step 1 V", {1: [1e9]}, **MANY)  # type: ignore[dict-item]
     with pytest.raises(InputError, match="give load_actuator"):
         simulate_many("friend-2", "step 1 V", **MANY)
     found = simulate_many(actuator, "step 1 V", **MANY)
     assert isinstance(found, Responses)
     with pytest.raises(InputError, match="did you mean 'force'"):
         found["forse"]
+
+
+def test_a_function_gives_the_same_names_for_each_block() -> None:
+    names = iter(range(100))
+    with pytest.raises(InputError, match=r"returned names \['1'\]"):
+        simulate_many(
+            load_actuator("friend-2"),
+            "step 1 V",
+            {"beam.modulus": np.linspace(1e9, 2e9, 2000)},
+            reduce=lambda outputs: {str(next(names)): outputs["force"].max(axis=1)},
+            **MANY,
+        )
 
 
 def test_sets_with_other_counts_go_one_by_one() -> None:

@@ -100,6 +100,22 @@ assert runs[0].content_sha256 == runs[1].content_sha256
     subprocess.run([sys.executable, "-c", program], check=True, timeout=300)
 
 
+def test_a_thread_simulates_while_another_is_loading_the_compiler() -> None:
+    program = """
+import importlib, sys, threading, ipmclab
+actuator = ipmclab.load_actuator("friend-2")
+kernels = "ipmclab.model.numerics.kernels"
+loading = threading.Thread(target=importlib.import_module, args=(kernels,))
+loading.start()
+while kernels not in sys.modules:
+    pass
+run = ipmclab.simulate(actuator, "step 1 V", duration=10, rate=50)
+loading.join()
+assert run.content_sha256 == ipmclab.simulate(actuator, "step 1 V", duration=10, rate=50).content_sha256
+"""
+    subprocess.run([sys.executable, "-c", program], check=True, timeout=300)
+
+
 @pytest.mark.parametrize("frequency", [0.02, 0.4, 3.0])
 def test_settled_sine_is_the_frequency_response(friend_2: Actuator, frequency: float) -> None:
     # 400 rows a period: a straight line misses the sine by (2 pi/400)^2/12 of its amplitude.
@@ -185,12 +201,14 @@ def test_a_shunt_upstream_of_which_the_voltage_was_sensed_stands_in_series(frien
         ({"signal": np.ones(9)}, "voltage: the array has shape (9,), there are 10 rows"),
         ({"signal": np.ones((10, 1))}, "the array has shape (10, 1), there are 10 rows"),
         ({"signal": [1.0] * 9 + [np.nan]}, "voltage: row 9 is nan; every row needs the voltage that was applied"),
+        ({"signal": np.ma.array(range(10), mask=[0] * 7 + [1] * 3)}, "voltage: row 7 is nan"),
         ({"signal": [1.0] * 9 + [-np.inf]}, "voltage: row 9 is -inf"),
         ({"signal": ["one"] * 10}, "signal: this is a list, not a run, a signal, a text or an array of numbers"),
         (
             {"signal": signals.Samples(time=[0.0, 3.0], voltage=[1.0, 1.0])},
             "it reaches to 3 s, the record to 0.2 s; record longer, or shorten the signal",
         ),
+        ({"initial_state": {"beam.velocity": "fast"}}, "0.0, 0.0, 'fast'] is not one finite value"),
         ({"initial_state": [1.0, 2.0]}, "initial_state: [1.0, 2.0] is not one finite value for each of circuit"),
         (
             {"initial_state": {"beam.displacment": 1.0}},

@@ -191,18 +191,38 @@ def test_a_table_has_units_in_its_head(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    "text",
+    [
+        "beam.modulus[GPa];coupling.gain\n1.2;6e-9\n1.4;7e-9\n",
+        "# from the lab\ncoupling.gain\tbeam.modulus (GPa)\n6e-9\t1.2\n7e-9\t1.4\n",
+        '"beam.modulus  [GPa]", "coupling.gain",\n1.2, "6e-9",,\n , ,\n1.4, 7e-9\n',
+    ],
+)
+def test_a_table_is_read_as_other_programs_write_it(tmp_path: Path, text: str) -> None:
+    (tmp_path / "strips.csv").write_text(text, encoding="utf-8-sig")
+    sets = sweep_from_text(f'table = "strips.csv"\n{TABLE}', folder=tmp_path).design.sets(0, 2)
+    assert {name: values.tolist() for name, values in sets.items()} == {
+        "beam.modulus": [1.2e9, 1.4e9],
+        "coupling.gain": [6e-9, 7e-9],
+    }
+
+
+@pytest.mark.parametrize(
     ("text", "message"),
     [
         ("beam.modulos\n1e9\n", "no parameter is called 'beam.modulos'; did you mean"),
         ("beam.modulus [mm]\n1e9\n", "is not a modulus|is not a Young"),
         ("beam.modulus\n1,5\n", "line 2: '1,5' is not one number for each of 1 columns"),
         ("beam.modulus\n", "there is no parameter set"),
-        ("beam.modulus\n1e9\n-1\n", r"beam.modulus\[1\]: the value -1 Pa is outside"),
+        ("beam.modulus\n1e9\n-1\n", r"strips\.csv: beam\.modulus\[1\]: the value -1 Pa is outside"),
         ("beam.modulus,beam.modulus\n1e9,1e9\n", "a parameter has two columns"),
+        ("beam.modulus;coupling.gain\n1,5;6e-9\n", "line 2: '1,5;6e-9' is not one number .* decimal point"),
+        ("beam.modulus [GPa\n1\n", "no parameter is called 'beam.modulus .GPa'"),
+        (b"beam.modulus\n\xb5\n", "cannot be read as text.* save it as CSV in UTF-8"),
     ],
 )
-def test_tables_that_cannot_be(tmp_path: Path, text: str, message: str) -> None:
-    (tmp_path / "strips.csv").write_text(text)
+def test_tables_that_cannot_be(tmp_path: Path, text: str | bytes, message: str) -> None:
+    (tmp_path / "strips.csv").write_bytes(text if isinstance(text, bytes) else text.encode())
     with pytest.raises(InputError, match=message):
         sweep_from_text(f'table = "strips.csv"\n{TABLE}', folder=tmp_path)
 
@@ -216,12 +236,15 @@ def test_tables_that_cannot_be(tmp_path: Path, text: str, message: str) -> None:
         ('low = "0.8 GPa"', 'low = "0.1 Pa"', "sweep: beam.modulus.*outside the allowed"),
         ("base = 512", "base = 500", "give a power of two, such as 256 or 512"),
         ("base = 512", "base = 0", "0 is below 1"),
+        ("base = 512", "base = 1 ", "one pair of points does not show how sure an index is"),
         ('kind = "saltelli"', 'kind = "fourier"', "'fourier' is not"),
         ("force.rms", "force.rmss", r"sweep: metrics: .*did you mean 'force\.rms'"),
         ("sine 1 V 0.5 Hz", "sine 1 V 80 Hz", "rows at 50 Hz follow it to 25 Hz"),
         ("friend-2", "friend-99", "there is no actuator"),
         ("[ranges]", "[range]", "unknown key 'range'"),
         ("[ranges]", "[[ranges]]", "is not a table"),
+        ('"coupling.gain" = {', "beam.modulus = {",
+         "sweep: ranges.beam.modulus: this parameter has two ranges"),
         ('low = "0.8 GPa"', "low = nan", "ranges.beam.modulus.low: nan"),
         ('low = "0.8 GPa"', "low = true", "ranges.beam.modulus.low: True"),
         ("base = 512", "base = 10000000000000000000000", "allowed|too large|at most|digits|whole number"),

@@ -157,6 +157,12 @@ def _print(swept: Swept, document: dict[str, Any]) -> None:
     ]
     title = f"{swept.sweep.actuator.name} under {swept.sweep.signal}, {swept.parts.count} sets"
     print_table(["metric", "smallest", "mean", "largest", "standard deviation", "unit"], rows, title=title)
+    for name, one in document["metrics"].items():
+        if one["missing"]:
+            print(
+                f"{name}: {one['missing']} of {swept.parts.count} sets have no reading, as where a laser loses the "
+                "strip; they are left out"
+            )
     for metric, of_metric in document["sobol_indices"].items():
         rows = [
             [parameter, _of(one["first"], one["first_interval"]), _of(one["total"], one["total_interval"])]

@@ -397,4 +397,7 @@ def _checked(declaration: Declaration, value: Any) -> float:
 
 def unknown_parameter(name: str, known: Iterable[str]) -> InputError:
     """The error for a parameter name that an actuator does not have."""
-    return InputError(f"unknown parameter {name!r}", code="unknown-parameter", where=name, repair=suggest(name, known))
+    written = str(name)  # a dict of parameters may have any key
+    return InputError(
+        f"unknown parameter {name!r}", code="unknown-parameter", where=written, repair=suggest(written, known)
+    )

@@ -91,6 +91,13 @@ class Batch:
         changes = checked_changes(actuator, parameters or {}, sets=len(voltage) if len(voltage) > 1 else None)
         sets = len(next(iter(changes.values()))) if changes else len(voltage)
         chosen = tuple(OUTPUTS[place] for place in choose_outputs(outputs))
+        if not chosen:
+            raise InputError(
+                "no output is named",
+                code="no-output",
+                where="outputs",
+                repair=f"name some of {', '.join(OUTPUTS)}, or leave it out for all of them",
+            )
         return cls(actuator, sets, changes, record, voltage, chosen)
 
     def part(self, begin: int, end: int) -> Batch:
@@ -198,7 +205,7 @@ def _check_sensing(actuator: Actuator, columns: Mapping[str, FloatArray]) -> Non
 def _voltages(signals: Signals, record: Record) -> FloatArray:
     """The voltages, shape (1 or n_sets, n_time)."""
     several = isinstance(signals, list | tuple) and any(
-        isinstance(one, str) or hasattr(one, "voltage") for one in signals
+        isinstance(one, str | list | tuple) or hasattr(one, "voltage") or getattr(one, "ndim", 0) for one in signals
     )
     if not several and np.ndim(signals) < 2:
         return voltage_of(signals, record.time, record.duration, record.rate)[0][None]

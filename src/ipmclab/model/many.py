@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Final, TypeVar, overload
+from typing import TYPE_CHECKING, Any, Final, TypeVar, overload
 
 import numpy as np
 import numpy.typing as npt
@@ -118,8 +118,9 @@ def simulate_many(
 ) -> Responses | dict[str, FloatArray]:
     """Simulate one actuator with many parameter sets, under one voltage or one for each set, from rest.
 
-    The numbers are those of ``simulate`` for each set, to 1e-12 of the largest. Linear actuators go side by side
-    through one compiled loop, others one by one; both on all processors.
+    The numbers are those of ``simulate`` for each set, to 1e-12 of the largest; where two poles are within 1 % of each
+    other, to 1e-10. Linear actuators go side by side through one compiled loop, others one by one; both on all
+    processors.
 
     Parameters
     ----------
@@ -251,7 +252,16 @@ def _by_function(batch: Batch, function: Reduce, gpu: bool) -> dict[str, FloatAr
     found: list[dict[str, FloatArray]] = []
     for values in _in_order(batch, size, partial(_values, gpu=gpu)):
         given = {name: values[:, place] for place, name in enumerate(batch.outputs)}
-        made = {name: np.asarray(array) for name, array in function(given).items()}
+        reduced: Any = function(given)  # which is not ours
+        if not isinstance(reduced, Mapping) or (found and reduced.keys() != found[0].keys()):
+            what = f"names {list(reduced)}" if isinstance(reduced, Mapping) else f"a {type(reduced).__name__}"
+            raise InputError(
+                f"the function returned {what}, not arrays by the same names for each block",
+                code="bad-reduction",
+                where="reduce",
+                repair="return a dict, such as {'largest': outputs['force'].max(axis=1)}",
+            )
+        made = {name: np.asarray(array) for name, array in reduced.items()}
         for name, array in made.items():
             if not array.ndim or len(array) != len(values):
                 raise InputError(

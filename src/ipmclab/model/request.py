@@ -92,7 +92,10 @@ def _checked_rows(name: str, unit: str, values: npt.ArrayLike, rows: int) -> tup
     """The values, and the sum of their squares: no magnitude is above its root."""
     quantity = name.replace("_", " ")
     try:
-        found = np.ascontiguousarray(values, dtype=np.float64)
+        given: Any = values
+        if isinstance(given, np.ma.MaskedArray):  # NumPy would show what the mask hides
+            given = np.ma.asarray(given, dtype=np.float64).filled(np.nan)
+        found = np.ascontiguousarray(given, dtype=np.float64)
     except (TypeError, ValueError) as error:
         raise InputError(
             "not an array of numbers", code="bad-array", where=name, repair=f"give one {quantity} [{unit}] for each row"
@@ -146,12 +149,14 @@ def state_vector(names: Sequence[str], state: Mapping[str, float] | npt.ArrayLik
                 raise InputError(
                     f"unknown state {name!r}", code="unknown-state", where="initial_state", repair=suggest(name, names)
                 )
-        vector = np.array([float(state.get(name, 0.0)) for name in names])
-    else:
-        vector = np.array(state, dtype=np.float64)
+    given: Any = [state.get(name, 0.0) for name in names] if isinstance(state, Mapping) else state
+    try:
+        vector = np.array(given, dtype=np.float64)
+    except (TypeError, ValueError):
+        vector = np.empty(0)
     if vector.shape != (len(names),) or not np.all(np.isfinite(vector)):
         raise InputError(
-            f"{vector.tolist()} is not one finite value for each of {', '.join(names)}",
+            f"{given!r:.200} is not one finite value for each of {', '.join(names)}",
             code="bad-state",
             where="initial_state",
             repair=f"give {len(names)} numbers, or a mapping from these names",

@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-import csv
 import re
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
+from ipmclab.csv_file import read_lines, split_heading
 from ipmclab.errors import InputError, suggest
 from ipmclab.units import TIME, VOLTAGE, Quantity, parse_quantity
 
 FloatArray = npt.NDArray[np.float64]
 
 _COLUMNS: Final[dict[str, Quantity]] = {"time": TIME, "voltage": VOLTAGE}
-_HEADING: Final = re.compile(r"\s*(.*?)\s*(?:[(\[]\s*(.*?)\s*[)\]])?\s*")
 
 
 def read_samples(path: str | Path) -> tuple[FloatArray, FloatArray]:
@@ -45,14 +44,15 @@ def read_samples(path: str | Path) -> tuple[FloatArray, FloatArray]:
         there = file.is_file()
     except OSError:  # a name that is too long, a folder that is closed
         there = False
+    missing = InputError(
+        "there is no such file",
+        code="missing-file",
+        where=str(path),
+        repair="check the path; quote it if it has blanks",
+    )
     if not there:
-        raise InputError(
-            "there is no such file",
-            code="missing-file",
-            where=str(path),
-            repair="check the path; quote it if it has blanks",
-        )
-    return _read_run(file) if file.suffix.lower() == ".nc" else _read_csv(file)
+        raise missing
+    return _read_run(file) if file.suffix.lower() == ".nc" else _read_csv(file, missing)
 
 
 def _read_run(file: Path) -> tuple[FloatArray, FloatArray]:
@@ -71,37 +71,29 @@ def _read_run(file: Path) -> tuple[FloatArray, FloatArray]:
     return time, voltage
 
 
-def _read_csv(file: Path) -> tuple[FloatArray, FloatArray]:
-    try:
-        lines = file.read_text(encoding="utf-8-sig").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(
-            f"it cannot be read as text ({error})", code="not-text", where=str(file), repair="save it as CSV in UTF-8"
-        ) from error
-    numbered = [(k, line) for k, line in enumerate(lines, 1) if line.strip() and not line.lstrip().startswith("#")]
-    if not numbered:
+def _read_csv(file: Path, missing: InputError) -> tuple[FloatArray, FloatArray]:
+    lines = read_lines(file, missing=missing)
+    if not lines:
         raise InputError(
             "the file is empty", code="empty-file", where=str(file), repair="write one line for each time and voltage"
         )
-    first = numbered[0][1]
-    delimiter = next((mark for mark in (";", "\t") if mark in first), ",")
-    rows = [(k, _split(line, delimiter, where=f"{file}, line {k}")) for k, line in numbered]
+    first = lines[0]
     columns = {name: (place, quantity.unit) for place, (name, quantity) in enumerate(_COLUMNS.items())}
-    width = len(rows[0][1])
-    if any(re.search(r"[A-Za-z]", cell) and not _is_number(cell) for cell in rows[0][1]):
-        columns = _read_heading(rows[0][1], where=f"{file}, line {rows[0][0]}")
-        rows = rows[1:]
+    width = len(first.cells)
+    if any(re.search(r"[A-Za-z]", cell) and not _is_number(cell) for cell in first.cells):
+        columns = _read_heading(first.cells, where=f"{file}, line {first.number}")
+        lines = lines[1:]
     elif width != len(_COLUMNS):
         raise InputError(
             f"{width} columns without a heading",
             code="bad-columns",
-            where=f"{file}, line {rows[0][0]}",
+            where=f"{file}, line {first.number}",
             repair="give two columns, time in s and voltage in V, or a heading that names them; numbers have a "
             "decimal point",
         )
     values: dict[str, list[float]] = {name: [] for name in _COLUMNS}
-    for k, cells in rows:
-        if any(cell.strip() for cell in cells[width:]):
+    for k, _, cells in lines:
+        if len(cells) > width:
             raise InputError(
                 f"{len(cells)} cells, the first line has {width}",
                 code="bad-columns",
@@ -115,20 +107,11 @@ def _read_csv(file: Path) -> tuple[FloatArray, FloatArray]:
     return np.array(values["time"]), np.array(values["voltage"])
 
 
-def _split(line: str, delimiter: str, *, where: str) -> list[str]:
-    try:
-        return next(csv.reader([line], delimiter=delimiter))
-    except csv.Error as error:
-        raise InputError(
-            f"it cannot be read as cells: {error}", code="bad-columns", where=where, repair="correct this line"
-        ) from error
-
-
 def _read_heading(cells: list[str], *, where: str) -> dict[str, tuple[int, str]]:
     found: dict[str, tuple[int, str]] = {}
     for place, cell in enumerate(cells):
-        match: Any = _HEADING.fullmatch(cell)
-        name, unit = match.group(1).lower(), match.group(2)
+        written, unit = split_heading(cell)
+        name = written.lower()
         if name in found:
             raise InputError(f"two columns are called {name!r}", code="bad-columns", where=where, repair="rename one")
         if name in _COLUMNS:

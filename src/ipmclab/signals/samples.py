@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass, field
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -144,7 +144,8 @@ class Samples(Signal):
 
 def _samples(name: str, values: npt.ArrayLike) -> FloatArray:
     try:
-        column = np.array(values, dtype=np.float64)
+        given: Any = np.ma.asarray(values)
+        column = np.array(given.astype(np.float64).filled(np.nan))  # what a mask hides is no sample
     except (TypeError, ValueError):
         column = np.empty((0, 0))
     if column.ndim != 1 or len(column) < 2:

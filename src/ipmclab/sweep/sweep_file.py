@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final, Literal
@@ -11,6 +9,7 @@ from typing import Any, Final, Literal
 import numpy as np
 from pydantic import Field
 
+from ipmclab.csv_file import read_lines, split_heading
 from ipmclab.errors import InputError, suggest
 from ipmclab.kinds import tell_kinds
 from ipmclab.model.actuator import Actuator, unknown_parameter
@@ -29,8 +28,14 @@ _MOST_POINTS: Final = 2**30
 _MOST_SLICES: Final = 10_000_000
 """Of a Latin hypercube, which is kept as a whole."""
 
-_FEWEST_WAYS, _MOST_WAYS = 2, 100_000
+_MOST_WAYS: Final = 100_000
 """Of a Morris design, which is kept as a whole."""
+
+_ALONE: Final = {
+    "morris": ("one way does not show how much an effect varies", 20),
+    "saltelli": ("one pair of points does not show how sure an index is", 512),
+}
+"""Designs that show nothing with one point: why, and how many are usual."""
 
 _MOST_PARAMETERS: Final = 50
 
@@ -119,7 +124,7 @@ def sweep_from_text(text: str, *, where: str = "sweep", folder: Path | None = No
     repair = "compare with the template: ipmclab sweep --template"
     document = parse_table(text, where=where, repair=repair)
     if isinstance(document.get("ranges"), dict):
-        document["ranges"] = dict(_dotted(document["ranges"]))
+        document["ranges"] = _by_name(document["ranges"], where=f"{where}: ranges")
     table = validated(_SweepTable, document, where=where)
     place = folder or Path()
     try:
@@ -127,6 +132,21 @@ def sweep_from_text(text: str, *, where: str = "sweep", folder: Path | None = No
     except InputError as error:
         at = f"{where}: {error.where}" if error.where and not error.where.startswith(where) else error.where or where
         raise InputError(error.message, code=error.code, where=at, repair=error.repair) from error
+
+
+def _by_name(table: Mapping[str, Any], *, where: str) -> dict[str, Any]:
+    """Parameters by dotted name, each once."""
+    found: dict[str, Any] = {}
+    for name, one in _dotted(table):
+        if name in found:
+            raise InputError(
+                "this parameter has two ranges, one under its name in quotes and one without",
+                code="two-ranges",
+                where=f"{where}.{name}",
+                repair="keep one of them",
+            )
+        found[name] = one
+    return found
 
 
 def _dotted(table: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
@@ -220,16 +240,10 @@ def _check_counts(design: _DesignTable, parameters: int) -> None:
             where="design.base",
             repair="take fewer" + ("" if most == _MOST_POINTS else ", or the kind sobol, which needs no memory"),
         )
-    if design.kind == "morris":
-        if design.base < _FEWEST_WAYS:
-            raise InputError(
-                f"{design.base} ways do not show how much an effect varies",
-                code="bad-base",
-                where="design.base",
-                repair=f"give 20, or at least {_FEWEST_WAYS}",
-            )
-        return
-    if design.kind != "latin-hypercube" and design.base & (design.base - 1):
+    if design.base == 1 and design.kind in _ALONE:
+        why, usual = _ALONE[design.kind]
+        raise InputError(why, code="bad-base", where="design.base", repair=f"give {usual}, or at least 2")
+    if design.kind in ("sobol", "saltelli") and design.base & (design.base - 1):
         below = 1 << (design.base.bit_length() - 1)
         raise InputError(
             f"{design.base} points of a Sobol sequence do not fill the ranges evenly",
@@ -251,43 +265,35 @@ def _check_corners(actuator: Actuator, ranges: Mapping[str, Range]) -> None:
 def _read_columns(path: Path, actuator: Actuator) -> dict[str, np.ndarray]:
     """The columns of a CSV file, in SI units."""
     missing = InputError("there is no such file", code="no-table", where=str(path), repair="correct the path")
-    reader = csv.reader(io.StringIO(read_text(path, kind="a table", missing=missing)), strict=True)
-    try:
-        lines = [(reader.line_num, row) for row in reader if row]
-    except csv.Error as error:
-        raise InputError(
-            f"this is no table: {error}",
-            code="bad-table",
-            where=f"{path}, line {reader.line_num}",
-            repair="write numbers with a decimal point, between commas",
-        ) from error
-    rows = [row for _, row in lines]
-    if len(rows) < 2:
+    lines = read_lines(path, missing=missing)
+    if len(lines) < 2:
         raise InputError(
             "there is no parameter set", code="no-sets", where=str(path), repair="write one line for each set"
         )
-    columns, numbers = (
-        [_column_head(head.strip(), actuator, path) for head in rows[0]],
-        np.empty((len(rows) - 1, len(rows[0]))),
-    )
-    for place, (line, row) in enumerate(lines[1:]):
+    columns = [_column_head(head, actuator, path) for head in lines[0].cells]
+    numbers = np.empty((len(lines) - 1, len(columns)))
+    for place, (number, written, cells) in enumerate(lines[1:]):
         try:
-            numbers[place] = np.array([float(cell) for cell in row]).reshape(len(columns))
+            numbers[place] = np.array([float(cell) for cell in cells]).reshape(len(columns))
         except ValueError as error:
             raise InputError(
-                f"{','.join(row)!r} is not one number for each of {len(columns)} columns",
+                f"{written.strip()!r} is not one number for each of {len(columns)} columns",
                 code="bad-table",
-                where=f"{path}, line {line}",
-                repair="write numbers with a decimal point, between commas",
+                where=f"{path}, line {number}",
+                repair="write numbers with a decimal point, between commas or semicolons",
             ) from error
     found = {name: numbers[:, place] * factor for place, (name, factor) in enumerate(columns)}
     if len(found) < len(columns):
         raise InputError("a parameter has two columns", code="bad-table", where=str(path), repair="keep one of them")
-    return checked_changes(actuator, found)
+    try:
+        return checked_changes(actuator, found)
+    except InputError as error:
+        error.where = f"{path}: {error.where}"
+        raise
 
 
 def _column_head(head: str, actuator: Actuator, path: Path) -> tuple[str, float]:
-    name, _, rest = head.partition(" [")
+    name, unit = split_heading(head)
     if name not in actuator.structure.declarations:
         raise InputError(
             f"no parameter is called {name!r}",
@@ -295,7 +301,7 @@ def _column_head(head: str, actuator: Actuator, path: Path) -> tuple[str, float]
             where=str(path),
             repair=suggest(name, actuator.structure.declarations),
         )
-    quantity, unit = actuator.structure.declarations[name].quantity, rest.removesuffix("]")
     if not unit:
         return name, 1.0
+    quantity = actuator.structure.declarations[name].quantity
     return name, parse_quantity(f"1 {unit}", quantity, where=f"{path}: {name}")

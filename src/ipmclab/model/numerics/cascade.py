@@ -154,5 +154,8 @@ def entries_of(blocks: Sequence[Block]) -> npt.NDArray[np.float64]:
 
 def _loop() -> Callable[..., bool]:
     """The compiled loop where a compiler is loaded, else the same as plain Python: the digits are the same."""
-    kernels = sys.modules.get("ipmclab.model.numerics.kernels")
-    return cascade if kernels is None else kernels.cascade
+    if "ipmclab.model.numerics.kernels" not in sys.modules:
+        return cascade
+    from ipmclab.model.numerics.kernels import cascade as compiled  # waits where another thread is loading it
+
+    return compiled
