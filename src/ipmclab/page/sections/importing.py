@@ -294,10 +294,9 @@ class _Import:
 
     async def _import(self, out: Path | None) -> dict[str, Any] | None:
         """The map by which it was imported: what the form says may be another when the worker is done."""
-        self._clear_errors()
-        if self._misread is not None:
-            self._complain_of_layout(self._misread)
+        if self._misread is not None:  # as is said at its field: to say it again would undo what is being typed there
             return None
+        self._clear_errors()
         try:
             table = self._table()
             asked = {"path": str(self._path), "name": self._name, "map": table, "out": out and str(out)}
