@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -57,6 +58,60 @@ FULL = 7
 
 Array = npt.NDArray[np.float64]
 
+TRUTH = log_parameters_of(FRIEND_2)
+BOUNDS = (TRUTH - np.log(1e2), TRUTH + np.log(1e2))
+
+
+@dataclass(frozen=True)
+class Given:
+    """Two noisy records of friend-2, and a fit of them as users write it.
+
+    Parameters
+    ----------
+    records : list of (time [s], voltage [V], current [A])
+    """
+
+    records: list[tuple[Array, Array, Array]]
+
+    @classmethod
+    def drawn(cls, generator: np.random.Generator) -> Given:
+        """The step and the sine, with noise of this generator."""
+        return cls(
+            [
+                (times, voltage, noisy_current(FRIEND_2, voltage, RATE, NOISE, generator))
+                for times, voltage in step_and_sine()
+            ]
+        )
+
+    @property
+    def runs(self) -> list[ipmclab.Run]:
+        """The same for ``identify``."""
+        return [
+            ipmclab.Run.from_arrays(
+                time=times,
+                voltage=voltage,
+                current=current,
+                hold="zero",
+                metadata=ipmclab.RunMetadata(starts_from_rest=True),
+            )
+            for times, voltage, current in self.records
+        ]
+
+    def residual(self, log_parameters: Array) -> Array:
+        """What a circuit leaves of both, in standard deviations of the noise."""
+        a, b, c, d = circuit(strip_of(log_parameters))
+        system = (a, b, c[:1], d[:1])
+        return np.concatenate(
+            [
+                (scipy.signal.lsim(system, voltage, times, interp=False)[1] - current) / NOISE
+                for times, voltage, current in self.records
+            ]
+        )
+
+    def by_hand(self, start: Array) -> scipy.optimize.OptimizeResult:
+        """By ``least_squares`` over ``lsim``."""
+        return scipy.optimize.least_squares(self.residual, start, jac="2-point", bounds=BOUNDS, method="trf")
+
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -66,49 +121,21 @@ def main() -> None:
     options = parser.parse_args()
 
     generator = np.random.default_rng(SEED)
-    records = [
-        (times, voltage, noisy_current(FRIEND_2, voltage, RATE, NOISE, generator)) for times, voltage in step_and_sine()
-    ]
-    truth = log_parameters_of(FRIEND_2)
-    rows = sum(len(times) for times, _, _ in records)
-
-    def residual(log_parameters: Array) -> Array:
-        a, b, c, d = circuit(strip_of(log_parameters))
-        system = (a, b, c[:1], d[:1])
-        return np.concatenate(
-            [
-                (scipy.signal.lsim(system, voltage, times, interp=False)[1] - current) / NOISE
-                for times, voltage, current in records
-            ]
-        )
-
-    def by_hand(start: Array) -> Array:
-        bounds = (truth - np.log(1e2), truth + np.log(1e2))
-        solution = scipy.optimize.least_squares(residual, start, jac="2-point", bounds=bounds, method="trf")
-        return solution.x  # type: ignore[no-any-return]
-
-    runs = [
-        ipmclab.Run.from_arrays(
-            time=times,
-            voltage=voltage,
-            current=current,
-            hold="zero",
-            metadata=ipmclab.RunMetadata(starts_from_rest=True),
-        )
-        for times, voltage, current in records
-    ]
+    given = Given.drawn(generator)
+    runs = given.runs
+    rows = sum(len(run) for run in runs)
     # The actuator's own values are of no use as a start: two and more decades off, both branches alike.
-    wrong = {name: 100.0 * value for name, value in zip(ELECTRICAL, np.exp(truth[[0, 1, 0, 1, 4]]), strict=True)}
+    wrong = {name: 100.0 * value for name, value in zip(ELECTRICAL, np.exp(TRUTH[[0, 1, 0, 1, 4]]), strict=True)}
     actuator = ipmclab.load_actuator("friend-2").replace(**wrong)
 
     def ours() -> ipmclab.Fit:
         return ipmclab.identify(actuator, runs, free=["electrical"])
 
     # The best that any parameters can do: a fit by hand that starts at the truth.
-    floor = float(np.sum(residual(by_hand(truth)) ** 2))
+    floor = float(np.sum(given.residual(given.by_hand(TRUTH).x) ** 2))
 
     def excess(log_parameters: Array) -> float:
-        return float(np.sum(residual(log_parameters) ** 2)) - floor
+        return float(np.sum(given.residual(log_parameters) ** 2)) - floor
 
     fit = ours()
     found = np.log([fit.actuator.parameters()[name].value for name in ELECTRICAL])
@@ -118,20 +145,20 @@ def main() -> None:
     check_many(fit, drawn)
     bound = relative_errors(FRIEND_2, step_and_sine(), NOISE)
     errors = "\n".join(
-        f"| `{name}` | {np.expm1(found[j] - truth[j]):+.2%} | "
+        f"| `{name}` | {np.expm1(found[j] - TRUTH[j]):+.2%} | "
         f"{fit.parameters[name].standard_error / fit.parameters[name].value:.3%} | {bound[name]:.3%} |"
         for j, name in enumerate(ELECTRICAL)
     )
 
     ours_times, many_times, hand_times, failed = [], [], [], 0
     for _ in range(options.rounds):
-        guess = truth + np.log(10.0) * generator.uniform(-1.0, 1.0, len(truth))
+        guess = TRUTH + np.log(10.0) * generator.uniform(-1.0, 1.0, len(TRUTH))
         # Ours before and after it: what changes meanwhile meets both.
         moments = [clock()]
         for _ in range(CALLS):
             ours()
         moments.append(clock())
-        solution = by_hand(guess)
+        solution = given.by_hand(guess).x
         moments.append(clock())
         for _ in range(CALLS):
             ours()
@@ -149,7 +176,7 @@ def main() -> None:
         f"Two records of 2,000 samples, {options.rounds} rounds; five parameters, the sheet resistance known.\n\n"
         f"| | median time | reaches the noise floor |\n|---|---|---|\n"
         f"| `ipmclab.identify`, no start | {np.median(ours_times) * 1e3:.2f} ms | yes "
-        f"(reduced chi-square {np.sum(residual(found) ** 2) / (rows - 5):.4f}) |\n"
+        f"(reduced chi-square {np.sum(given.residual(found) ** 2) / (rows - 5):.4f}) |\n"
         f"| `ipmclab.refit`, each of {MANY} fits to other currents | {np.median(many_times) * 1e3:.3f} ms "
         f"({60.0 / np.median(many_times):,.0f} a minute on one processor) | yes |\n"
         f"| `least_squares` over `lsim`, random start | {np.median(hand_times) * 1e3:.0f} ms | "

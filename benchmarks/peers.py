@@ -23,16 +23,16 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 import scipy.integrate
-import scipy.optimize
 import scipy.signal
 
 import ipmclab
 from benchmarks.core import RATE, ROWS, compile_modal, minimal_state_space, modal_job
+from benchmarks.fit import BOUNDS, SEED, TRUTH, Given
 from benchmarks.harness import clock, finish, interleave
-from tests.independent.bounds import ELECTRICAL, log_parameters_of, noisy_current, step_and_sine, strip_of
-from tests.independent.thesis import FRIEND_2, OUTPUTS, circuit, respond
+from tests.independent.bounds import ELECTRICAL
+from tests.independent.thesis import FRIEND_2, OUTPUTS, respond
 
-SOURCES = ("src/ipmclab/model", "src/ipmclab/identification", "benchmarks/core.py", "benchmarks/harness.py")
+SOURCES = ("src/ipmclab/model", "src/ipmclab/identification", "benchmarks/core.py", "benchmarks/fit.py")
 
 Array = npt.NDArray[np.float64]
 Candidates = dict[str, Callable[[], Array | ipmclab.Run]]
@@ -47,7 +47,6 @@ LONG: Final = 10_000_000
 LEAK: Final = 3.0
 """Cubic coefficient of the leak [A/V^3/m^2]: that of an actuator's file with ``leak.cubic``."""
 
-NOISE, SEED = 1e-4, 20261121
 PICTURE: Final = Path(__file__).parents[1] / "docs" / "images" / "speed.svg"
 TIME: Final = np.arange(ROWS) / RATE
 
@@ -266,20 +265,10 @@ def long_records() -> str:
 def fits(rounds: int) -> dict[str, Array]:
     """Times of the electrical fit of two records, from the same starts, with standard errors."""
     generator = np.random.default_rng(SEED)
-    given = [(times, volts, noisy_current(FRIEND_2, volts, RATE, NOISE, generator)) for times, volts in step_and_sine()]
-    truth = log_parameters_of(FRIEND_2)
-
-    def residual(log_parameters: Array) -> Array:
-        a, b, c, d = circuit(strip_of(log_parameters))
-        return np.concatenate(
-            [
-                (scipy.signal.lsim((a, b, c[:1], d[:1]), volts, times, interp=False)[1] - current) / NOISE
-                for times, volts, current in given
-            ]
-        )
+    given = Given.drawn(generator)
 
     def by_least_squares(start: Array) -> tuple[Array, Array]:
-        found = scipy.optimize.least_squares(residual, start, bounds=(truth - np.log(1e2), truth + np.log(1e2)))
+        found = given.by_hand(start)
         return found.x, np.sqrt(np.diag(np.linalg.inv(found.jac.T @ found.jac)))
 
     def by_lmfit(start: Array) -> tuple[Array, Array]:
@@ -287,20 +276,12 @@ def fits(rounds: int) -> dict[str, Array]:
 
         parameters = lmfit.Parameters()
         for j, value in enumerate(start):
-            parameters.add(f"p{j}", value=value, min=truth[j] - np.log(1e2), max=truth[j] + np.log(1e2))
-        found = lmfit.minimize(lambda p: residual(np.array(list(p.valuesdict().values()))), parameters)
+            parameters.add(f"p{j}", value=value, min=BOUNDS[0][j], max=BOUNDS[1][j])
+        found = lmfit.minimize(lambda p: given.residual(np.array(list(p.valuesdict().values()))), parameters)
         values = [found.params[f"p{j}"] for j in range(len(start))]
         return np.array([one.value for one in values]), np.array([one.stderr or np.nan for one in values])
 
-    runs = [
-        ipmclab.Run.from_arrays(
-            time=times,
-            voltage=volts,
-            current=current,
-            metadata=ipmclab.RunMetadata(starts_from_rest=True),
-        )
-        for times, volts, current in given
-    ]
+    runs = given.runs
     friend = ipmclab.load_actuator("friend-2")
 
     def by_us(start: Array) -> tuple[Array, Array]:
@@ -316,17 +297,17 @@ def fits(rounds: int) -> dict[str, Array]:
         print("lmfit is not installed")
     else:
         candidates["lmfit over lsim"] = by_lmfit
-    floor = float(np.sum(residual(by_least_squares(truth)[0]) ** 2))
+    floor = float(np.sum(given.residual(given.by_hand(TRUTH).x) ** 2))
     times: dict[str, list[float]] = {name: [] for name in candidates}
     missed = dict.fromkeys(candidates, 0)
-    by_us(truth)
+    by_us(TRUTH)
     for _ in range(rounds):
-        start = truth + np.log(10.0) * generator.uniform(-1.0, 1.0, len(truth))
+        start = TRUTH + np.log(10.0) * generator.uniform(-1.0, 1.0, len(TRUTH))
         for name, candidate in candidates.items():
             begin = clock()
             values, errors = candidate(start)
             times[name].append(clock() - begin)
-            missed[name] += not (np.sum(residual(values) ** 2) < floor + 1.0 and np.all(np.isfinite(errors)))
+            missed[name] += not (np.sum(given.residual(values) ** 2) < floor + 1.0 and np.all(np.isfinite(errors)))
     for name, count in missed.items():
         print(f"{name}: {count} of {rounds} not at the noise floor, or without standard errors")
     return {name: np.array(one) for name, one in times.items()}

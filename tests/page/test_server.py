@@ -101,15 +101,20 @@ def test_bad_options_are_refused(options: list[str], told: str, tmp_path: Path, 
     assert told in capsys.readouterr().err
 
 
-def test_a_page_that_ends_within_a_request_says_no_fault(tmp_path: Path) -> None:
-    """An upload that hangs is given up: nothing went wrong, and there is no traceback at the terminal."""
-    command = [sys.executable, "-m", "ipmclab", "page", str(tmp_path), "--no-open", "--json"]
-    server = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+def address_of(server: subprocess.Popen[str]) -> str:
+    """Where a page that was begun with ``--json`` says that it is."""
     assert server.stdout is not None
     text = ""
     while "}" not in text and (line := server.stdout.readline()):
         text += line
-    address = json.loads(text)["address"]
+    return str(json.loads(text)["address"])
+
+
+def test_a_page_that_ends_within_a_request_says_no_fault(tmp_path: Path) -> None:
+    """An upload that hangs is given up: nothing went wrong, and there is no traceback at the terminal."""
+    command = [sys.executable, "-m", "ipmclab", "page", str(tmp_path), "--no-open", "--json"]
+    server = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    address = address_of(server)
     host = address.removeprefix("http://")
     head = ("POST /uploads HTTP/1.1", f"Host: {host}", f"Origin: {address}", "Content-Length: 100000")
     kind = "Content-Type: multipart/form-data; boundary=x"
@@ -129,12 +134,8 @@ def test_a_served_page_is_guarded_and_small(tmp_path: Path) -> None:
     command = [sys.executable, "-X", "importtime", "-m", "ipmclab", "page", str(folder), "--no-open", "--json"]
     with (tmp_path / "imports").open("w") as imports, bind_own(Settings(), Lab.open(folder).port):
         server = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=imports, text=True)
-        assert server.stdout is not None
-        text = ""
-        while text.count("}") == 0 and (line := server.stdout.readline()):
-            text += line
+        address = address_of(server)
     try:
-        address = json.loads(text)["address"]
         port = int(address.rpartition(":")[2])
 
         def get(path: str, **headers: str) -> tuple[int, str]:

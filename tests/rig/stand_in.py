@@ -16,7 +16,7 @@ from ipmclab.rig.plant import StripPlant
 from virtual_cdaq.levels import LevelFile, read_levels
 from virtual_cdaq.model.chassis import Chassis
 from virtual_cdaq.model.clock import make_clock
-from virtual_cdaq.model.faults import parse_fault
+from virtual_cdaq.model.faults import Fault, parse_fault
 from virtual_cdaq.model.task import State
 from virtual_cdaq.server import Server
 
@@ -52,6 +52,12 @@ class StandIn:
         """Let the strip discharge."""
         with self.chassis.lock:
             self.plant.rest()
+
+
+def happen(chassis: StandIn, kind: str, **values: object) -> None:
+    """Let a fault happen now."""
+    with chassis.chassis.lock:
+        chassis.chassis.suffer(Fault(kind, **values), chassis.chassis.clock.now())  # type: ignore[arg-type]
 
 
 def compiled() -> StripPlant:

@@ -23,9 +23,8 @@ from ipmclab.rig.daqmx.link import Link
 from ipmclab.rig.daqmx.reset import Resetter, reset
 from ipmclab.rig.ni import NiBench
 from tests.rig.conformance import joined
-from tests.rig.stand_in import Process, StandIn, serve
+from tests.rig.stand_in import Process, StandIn, happen, serve
 from virtual_cdaq.model.chassis import Chassis
-from virtual_cdaq.model.faults import Fault
 
 pytestmark = pytest.mark.real_time
 
@@ -56,12 +55,6 @@ def opened(chassis: StandIn) -> Iterator[NiBench]:
     bench.open(NAMES, RATE)
     yield bench
     bench.close()
-
-
-def happen(chassis: StandIn, kind: str, **values: object) -> None:
-    """Let a fault happen now."""
-    with chassis.chassis.lock:
-        chassis.chassis.suffer(Fault(kind, **values), chassis.chassis.clock.now())  # type: ignore[arg-type]
 
 
 def run_into(

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -20,9 +21,8 @@ from ipmclab.rig.safety.guardian import Guardian
 from ipmclab.rig.safety.limit import Limit
 from ipmclab.rig.safety.limits import Limits
 from tests.rig.captured import captured
-from tests.rig.stand_in import Process, StandIn, serve
+from tests.rig.stand_in import Process, StandIn, happen, serve
 from tests.waiting import HANGS, AtRow, until
-from virtual_cdaq.model.faults import Fault
 
 pytestmark = pytest.mark.real_time
 
@@ -38,11 +38,6 @@ def chassis() -> Iterator[StandIn]:
     """A stand-in in real time."""
     with serve("real") as stand_in:
         yield stand_in
-
-
-def happen(chassis: StandIn, kind: str, **values: object) -> None:
-    with chassis.chassis.lock:
-        chassis.chassis.suffer(Fault(kind, **values), chassis.chassis.clock.now())  # type: ignore[arg-type]
 
 
 def reaction(outcome: Outcome, rate: float) -> float:
@@ -174,14 +169,25 @@ def process(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Process]:
     process.end()
 
 
-@pytest.mark.parametrize("name", ["SIGKILL", "SIGSTOP", "SIGTERM"])
-def test_a_recorder_that_ends_leaves_0_v_on_the_chassis(process: Process, tmp_path: Path, name: str) -> None:
-    log = tmp_path / "guardian.log"
-    command = [sys.executable, "-c", RECORDER, process.address, str(log)]
+@contextmanager
+def recording(address: str, log: Path) -> Iterator[subprocess.Popen[str]]:
+    """A recorder with its guardian, in a process of its own, which applies 1 V by now."""
+    command = [sys.executable, "-c", RECORDER, address, str(log)]
     recorder = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
     assert recorder.stdout is not None
     try:
         assert recorder.stdout.readline() == "recording\n"
+        yield recorder
+    finally:
+        recorder.kill()
+        recorder.wait()
+        recorder.stdout.close()
+
+
+@pytest.mark.parametrize("name", ["SIGKILL", "SIGSTOP", "SIGTERM"])
+def test_a_recorder_that_ends_leaves_0_v_on_the_chassis(process: Process, tmp_path: Path, name: str) -> None:
+    log = tmp_path / "guardian.log"
+    with recording(process.address, log) as recorder:
         assert process.level == pytest.approx(1.0, abs=1e-3)
         recorder.send_signal(getattr(signal, name))
         ended = time.monotonic()
@@ -195,32 +201,19 @@ def test_a_recorder_that_ends_leaves_0_v_on_the_chassis(process: Process, tmp_pa
         else:
             until(lambda: "is at 0 V" in log.read_text())
         assert process.level == 0.0
-    finally:
-        recorder.kill()
-        recorder.wait()
-        recorder.stdout.close()
 
 
 def test_a_killed_recorder_s_output_that_is_stuck_is_not_called_0_v(tmp_path: Path) -> None:
     log = tmp_path / "guardian.log"
-    with serve("real") as chassis:
-        command = [sys.executable, "-c", RECORDER, chassis.address, str(log)]
-        recorder = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
-        assert recorder.stdout is not None
-        try:
-            assert recorder.stdout.readline() == "recording\n"
-            happen(chassis, "stuck")
-            recorder.kill()
-            until(lambda: "it was reset, but 1 V are still read" in log.read_text())
-            until(lambda: "SWITCH THE AMPLIFIER OFF" in log.read_text())
-            assert "is at 0 V" not in log.read_text()
-            happen(chassis, "stuck", duration=0.0)  # it moves again
-            until(lambda: "is at 0 V" in log.read_text())
-            assert chassis.level == 0.0
-        finally:
-            recorder.kill()
-            recorder.wait()
-            recorder.stdout.close()
+    with serve("real") as chassis, recording(chassis.address, log) as recorder:
+        happen(chassis, "stuck")
+        recorder.kill()
+        until(lambda: "it was reset, but 1 V are still read" in log.read_text())
+        until(lambda: "SWITCH THE AMPLIFIER OFF" in log.read_text())
+        assert "is at 0 V" not in log.read_text()
+        happen(chassis, "stuck", duration=0.0)  # it moves again
+        until(lambda: "is at 0 V" in log.read_text())
+        assert chassis.level == 0.0
 
 
 def test_rows_that_the_chassis_lost_are_a_finding(chassis: StandIn) -> None:

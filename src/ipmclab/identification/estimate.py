@@ -153,8 +153,8 @@ def _least_squares(
     while True:
         searched, near, minima = find_minima(actuator, names, records)
         problem, solution = without_idle(searched, near, names)
-        zeros = {r.place: zero_of_wave(r, actuator.structure.branches, problem.noise) for r in records}
-        if zeroed := {place for place, zero in zeros.items() if zero is not None}:
+        branches = actuator.structure.branches
+        if zeroed := {r.place for r in records if zero_of_wave(r, branches, problem.noise) is not None}:
             records = [record.with_zero() if record.place in zeroed else record for record in records]
             continue
         moving = not_at_rest(problem, solution) - given_up

@@ -90,7 +90,6 @@ def simulate_outputs(
     check_hold(hold)
     times, volts = checked_record(time, voltage)
     chosen = choose_outputs(outputs)
-    names = [OUTPUTS[place] for place in chosen]
     if external_force is None and initial_state is None and delay == 0.0 and is_regular(times):
         period = (times[-1] - times[0]) / (len(times) - 1)
         regular = regular_outputs(actuator, volts, period, hold, chosen)
@@ -113,7 +112,7 @@ def simulate_outputs(
     seen = seen_states([system], chosen)
     values = np.empty((len(chosen), len(times)))
     run_dense(reduced(system, chosen, seen), lines, state[seen], values)
-    read_far(values, names, actuator.parameter_values)
+    read_far(values, [OUTPUTS[place] for place in chosen], actuator.parameter_values)
     return values
 
 

@@ -78,8 +78,7 @@ def not_at_rest(problem: Problem, solution: Solution) -> set[int]:
         return set()
     theta, residual = solution.theta, solution.evaluation.residual
     basis = np.linalg.qr(solution.evaluation.jacobian)[0]
-    lags = _beyond(_lags(problem, len(residual)), basis)
-    found: set[int] = set()
+    by_start: dict[int, FloatArray] = {}
     for record in tested:
         by_state = problem.responder.start_columns(
             record, problem.values(theta, record.place), problem.delay(theta, record)
@@ -88,9 +87,10 @@ def not_at_rest(problem: Problem, solution: Solution) -> set[int]:
         for row, (output, reading) in enumerate(record.readings.items()):
             piece = problem.pieces[record.place, output]
             columns[piece] = by_state[row][reading.used] / problem.noise[record.place, output]
-        if all(_explains(columns, beside, residual) for beside in (basis, np.hstack([basis, lags]))):
-            found.add(record.place)
-    return found
+        if _explains(columns, basis, residual):
+            by_start[record.place] = columns
+    beside = np.hstack([basis, _beyond(_lags(problem, len(residual)), basis)]) if by_start else basis
+    return {place for place, columns in by_start.items() if _explains(columns, beside, residual)}
 
 
 def _lags(problem: Problem, rows: int) -> FloatArray:
