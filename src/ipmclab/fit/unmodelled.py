@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -15,6 +15,7 @@ from ipmclab.tabled import Tabled
 FloatArray = npt.NDArray[np.float64]
 
 APART: Final = 10.0**0.5  # between neighbouring time constants: two to a decade imitate any between them (convention)
+LEVEL: Final = 0.1  # of the largest voltage, within which two voltages ask the same of a strip (convention)
 _LONGEST: Final = 10.0  # times as long as the record: slower ones are straight lines in it, and look alike (a limit)
 
 
@@ -33,12 +34,16 @@ class Unmodelled(Tabled):
     moved : mapping of name to tuple of float [SI]
     seen : float [s]
         How long the longest run of the fit is from where its voltage first moves.
+    levels : tuple of float [V]
+        The voltages that the runs of the fit were at since then, by ``voltage_levels``; empty in a file of an earlier
+        version.
     """
 
     time_constants: tuple[float, ...]
     amplitudes: tuple[tuple[float, ...], ...]
     moved: Mapping[str, tuple[float, ...]]
     seen: float
+    levels: tuple[float, ...] = ()
 
     def answers(self, time: FloatArray, voltage: FloatArray) -> FloatArray:
         """What each error of the model adds to the output by itself, shape (n_errors, n_time) [SI]."""
@@ -58,13 +63,22 @@ class Unmodelled(Tabled):
         amplitudes = tuple(_numbers(row) for row in table["amplitudes"])
         moved = {str(name): _numbers(row) for name, row in table["moved"].items()}
         (seen,) = _numbers([table["seen"]])
+        levels = _numbers(table.get("levels", ()))
         if not all(one > 0.0 for one in constants):
             raise ValueError("a time constant of fit.unmodelled is not above 0")
         if any(len(row) != len(constants) for row in amplitudes) or any(
             len(row) != len(amplitudes) for row in moved.values()
         ):
             raise ValueError("rows of fit.unmodelled have unequal lengths")
-        return cls(constants, amplitudes, moved, seen)
+        return cls(constants, amplitudes, moved, seen, levels)
+
+
+def voltage_levels(voltages: Sequence[FloatArray]) -> tuple[float, ...]:
+    """At which voltages some rows were, to within ``LEVEL`` of the largest [V], in ascending order."""
+    asked = np.concatenate(voltages)
+    width = LEVEL * float(np.abs(asked).max(initial=0.0))
+    # Zero has no sign.
+    return tuple((width * np.unique(np.rint(asked / width)) + 0.0).tolist()) if width > 0.0 else ()
 
 
 def lag_times(step: float, seen: float) -> FloatArray:

@@ -12,6 +12,7 @@ from ipmclab.confidence import NORMAL_95
 from ipmclab.fit.ages import rates_of
 from ipmclab.fit.as_fitted import listed
 from ipmclab.fit.fit import Fit
+from ipmclab.fit.unmodelled import LEVEL
 from ipmclab.identification.problem.free_run import seen_from_sensor
 from ipmclab.identification.problem.record import PreparedRun, model_hold
 from ipmclab.model import Actuator
@@ -35,6 +36,8 @@ from ipmclab.run import Finding, Run
 FloatArray = npt.NDArray[np.float64]
 
 _LONGER: Final = 1.1  # times as long as the longest run of the fit, from which a run is called longer (convention)
+_MANY: Final = 0.1  # of the rows under voltage, from which on other voltages are said (convention)
+_NAMED: Final = 3  # voltages, that are said one by one (convention)
 
 
 def band_of_run(
@@ -145,6 +148,44 @@ def longer_than_fit(fit: Fit, run: Run, label: str) -> list[Finding]:
             values={"lasts": lasts, "seen": seen},
         )
     ]
+
+
+def other_voltages(fit: Fit, run: Run, label: str) -> list[Finding]:
+    """That a new run is at voltages which no run of the fit was at, so that nothing showed what the strip does there.
+
+    A model without a leak answers in proportion, and one with a leak by its law; a fit at one voltage tests neither.
+    """
+    asked = [one for output, one in fit.unmodelled.items() if output in run.channels]
+    levels = np.unique([0.0, *(level for one in asked for level in one.levels)])
+    largest = float(np.abs(levels).max())
+    voltage = run.voltage[rest_rows(run) :]
+    if not largest > 0.0 or not len(voltage) or place_in(fit, run) is not None:
+        return []
+    nearest = levels[np.searchsorted(0.5 * (levels[1:] + levels[:-1]), voltage)]
+    other = np.abs(voltage - nearest) > LEVEL * largest
+    share = float(np.mean(other))
+    if share < _MANY:
+        return []
+    lowest, highest = float(voltage[other].min()), float(voltage[other].max())
+    of_fit = levels[np.abs(levels) > LEVEL * largest]
+    return [
+        Finding(
+            "other-voltages",
+            "info",
+            f"{100.0 * share:.0f} % of {label} is at voltages ({_in_words(voltage[other])}) at which no run of the fit "
+            f"was ({_in_words(of_fit)}): what the strip does only there is not in its band",
+            "fit a run that goes through these voltages",
+            values={"share": share, "lowest": lowest, "highest": highest},
+        )
+    ]
+
+
+def _in_words(voltages: FloatArray) -> str:
+    """Some voltages, or between which they lie."""
+    few = np.unique([float(f"{one:.2g}") for one in np.unique(voltages)])
+    if len(few) <= _NAMED:
+        return f"{listed([f'{one:g}' for one in few])} V"
+    return f"{few[0]:g} to {few[-1]:g} V"
 
 
 def own_mounting(fit: Fit, run: Run, label: str) -> list[Finding]:

@@ -28,7 +28,14 @@ from ipmclab.model import Actuator
 from ipmclab.model.given import need_each_once
 from ipmclab.model.stages.laser import blank_lost
 from ipmclab.model.validity import validity
-from ipmclab.prediction.bands_of_run import another_mounting, band_of_run, longer_than_fit, own_mounting, place_in
+from ipmclab.prediction.bands_of_run import (
+    another_mounting,
+    band_of_run,
+    longer_than_fit,
+    other_voltages,
+    own_mounting,
+    place_in,
+)
 from ipmclab.prediction.in_state import environment_of_run, state_in
 from ipmclab.prediction.open_coupling import open_coupling
 from ipmclab.prediction.outside_band import outside_band
@@ -168,6 +175,7 @@ def validate(actuator: Actuator | Fit, runs: Sequence[Run] | Run, *, used: Itera
             findings += own_mounting(fit, run, label)
             findings += another_mounting(fit, run, label)
             findings += longer_than_fit(fit, run, label)
+            findings += other_voltages(fit, run, label)
         findings += [] if one.used_in_fit else environment_of_run(fit, actuator, run, label)
     findings += outside_band(done)
     pooled = {

@@ -9,7 +9,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ipmclab import InputError, Run, identify, load_actuator, prediction_bands, read_fit, simulate, validate, write_fit
+from ipmclab import (
+    Fit,
+    InputError,
+    Run,
+    identify,
+    load_actuator,
+    prediction_bands,
+    read_fit,
+    simulate,
+    validate,
+    write_fit,
+)
 from ipmclab.fit.fit_file import fit_of
 from ipmclab.fit.unmodelled import Unmodelled, lagged
 from ipmclab.identification.solved import Estimate
@@ -209,6 +220,27 @@ def test_validate_says_that_a_run_is_longer_than_those_of_the_fit() -> None:
     assert not any(one.code == "longer-than-fit" for one in same.findings)
     plain = validate(FRIEND, noisy(generator, "step 1 V", duration=30.0))
     assert not any(one.code == "longer-than-fit" for one in plain.findings)
+
+
+def test_validate_says_that_a_run_is_at_other_voltages_than_those_of_the_fit() -> None:
+    """A step at one voltage does not show whether a strip answers in proportion."""
+    generator = np.random.default_rng(SEED)
+    fit = identify(FRIEND, noisy(generator, "step 1 V", duration=15.0))
+
+    def said(fit: Fit, signal: str) -> list[str]:
+        told = validate(fit.actuator, noisy(generator, signal, duration=15.0))
+        return [one.message for one in told.findings if one.code == "other-voltages"]
+
+    (message,) = said(fit, "step 2 V")
+    assert "100 % of" in message
+    assert "(2 V) at which no run of the fit was (1 V)" in message
+    assert len(said(fit, "step 0.5 V")) == len(said(fit, "square 1 V 0.2 Hz")) == 1
+    assert said(fit, "step 1.05 V") == []
+    through = identify(FRIEND, noisy(generator, "triangle 1 V 0.1 Hz", duration=15.0))
+    assert said(through, "step 0.5 V") == said(through, "square 1 V 0.2 Hz") == []
+    (message,) = said(through, "sine 2 V 0.2 Hz")
+    assert "(-0.99 to 0.99 V)" in message
+    assert Unmodelled.from_table({"time_constants": [], "amplitudes": [], "moved": {}, "seen": 1.0}).levels == ()
 
 
 def test_the_noise_of_a_recorded_voltage_is_no_step() -> None:

@@ -24,7 +24,7 @@ from typing import Final
 
 import numpy as np
 
-from ipmclab.fit.unmodelled import APART, Unmodelled, lag_times, lagged
+from ipmclab.fit.unmodelled import APART, Unmodelled, lag_times, lagged, voltage_levels
 from ipmclab.identification.noise.correlate import Correlated
 from ipmclab.identification.noise.pieces import directions_of
 from ipmclab.model import Actuator
@@ -82,7 +82,8 @@ def _of_output(correlated: Correlated, model: Actuator, order: Order, output: st
         for place, unknown in problem.asked
     }
     amplitudes = tuple(map(tuple, (spread[:, None] * factors).T.tolist()))
-    return Unmodelled(tuple(constants.tolist()), amplitudes, moved, seen)
+    levels = voltage_levels([record.run.voltage[record.resting :] for record in on])
+    return Unmodelled(tuple(constants.tolist()), amplitudes, moved, seen, levels)
 
 
 def _moments(left: FloatArray, missed: FloatArray, most: float, freedom: int) -> FloatArray:
