@@ -55,8 +55,9 @@ def test_it_says_what_complex_steps_through_the_stages_say(
     assert ours.forms.tolist() == theirs.forms.tolist()
     values = strip.values(names)
     for own, other, by_own, by_other in zip(ours.at, theirs.at, ours.by, theirs.by, strict=True):
-        # The same sums and products; where stages solve two equations, in another order.
-        np.testing.assert_allclose(own, other, rtol=10.0 * EPSILON, atol=0.0)
+        # The same sums and products; where stages solve two equations, in another order. From Python 3.12 on ``sum``
+        # of real numbers, but not of complex ones, carries what it rounds: 11 roundings were seen between the two.
+        np.testing.assert_allclose(own, other, rtol=40.0 * EPSILON, atol=0.0)
         assert by_own.shape == by_other.shape
         # A complex power goes by exp(n log z): of the cube of a thickness, log z = -9, some 30 roundings are lost.
         scaled = by_other[..., : len(names)] * values

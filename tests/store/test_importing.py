@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import gc
 import gzip
+import io
 import struct
 import sys
 import tracemalloc
@@ -26,6 +28,7 @@ from ipmclab.store.exporting import export_run
 from ipmclab.store.import_map import ImportMap
 from ipmclab.store.importers import xlsx
 from ipmclab.store.importing import import_run
+from ipmclab.store.run_file import read_run
 
 VOLTAGE = [0.0, 0.0, 1.0, 1.0, 1.0]
 CURRENT_MILLIAMPERE = [0.125, -0.5, 60.25, 50.5, 45.75]
@@ -715,6 +718,21 @@ def test_no_damage_gives_a_traceback(
     for import_map in (foreign, None):
         with contextlib.suppress(InputError):
             import_run(damaged, import_map)
+
+
+@pytest.mark.parametrize("ending", ["csv", "xlsx", "mat", "tdms", "lvm", "nc"])
+def test_a_file_that_is_refused_is_open_no_more(ending: str, tmp_path: Path) -> None:
+    path = tmp_path / f"damaged.{ending}"
+    if ending == "xlsx":
+        with zipfile.ZipFile(path, "w") as book:  # a workbook so far
+            book.writestr("[Content_Types].xml", "<Types/>")
+    else:
+        path.write_bytes({"tdms": b"TDSm", "lvm": b"LabVIEW Measurement\n"}.get(ending, b"damaged"))
+    with pytest.raises(InputError) as caught:  # whose frames hold what they opened
+        read_run(path) if ending == "nc" else import_run(path, make_map({"format": ending}))
+    still = [one for one in gc.get_objects() if isinstance(one, io.IOBase) and not one.closed]
+    assert not [one for one in still if str(getattr(one, "name", "")) == str(path)]
+    assert caught.value.where
 
 
 @pytest.mark.parametrize(("cell", "row"), [("XFD", 2000), ("A", 10**9)])

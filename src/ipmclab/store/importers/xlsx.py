@@ -45,22 +45,20 @@ def read_sheets(path: Path) -> dict[str, list[tuple[Any, ...]]]:
 
     refuse_nested(path)
     try:
-        with warnings.catch_warnings():
+        # The file is opened here: openpyxl leaves one that it cannot read open, and nobody could replace it on Windows.
+        with path.open("rb") as file, warnings.catch_warnings():
             warnings.simplefilter("ignore")  # about styles and validation that openpyxl leaves out
-            book = openpyxl.load_workbook(path, read_only=True, data_only=True)
-            try:
-                sheets: dict[str, list[tuple[Any, ...]]] = {}
-                for sheet in book.worksheets:
-                    sheet.reset_dimensions()  # some programs write a wrong size
-                    rows = sheets.setdefault(str(sheet.title), [])
-                    width = 1
-                    for row in sheet.iter_rows(values_only=True):
-                        rows.append(row)
-                        width = max(width, len(row))
-                        _refuse_wide(width * len(rows), path)
-                return sheets
-            finally:
-                book.close()
+            book = openpyxl.load_workbook(file, read_only=True, data_only=True)
+            sheets: dict[str, list[tuple[Any, ...]]] = {}
+            for sheet in book.worksheets:
+                sheet.reset_dimensions()  # some programs write a wrong size
+                rows = sheets.setdefault(str(sheet.title), [])
+                width = 1
+                for row in sheet.iter_rows(values_only=True):
+                    rows.append(row)
+                    width = max(width, len(row))
+                    _refuse_wide(width * len(rows), path)
+            return sheets
     except InputError:
         raise
     except Exception as error:  # a damaged workbook raises whatever its zip and XML parsers raise
