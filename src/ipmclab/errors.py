@@ -62,6 +62,17 @@ class InputError(IpmclabError, ValueError):
 
     exit_status = 2
 
+    def at(self, where: str, message: str | None = None) -> InputError:
+        """The same error at another place.
+
+        Parameters
+        ----------
+        where : str
+        message : str, optional
+            What is wrong, in other words.
+        """
+        return InputError(self.message if message is None else message, code=self.code, where=where, repair=self.repair)
+
 
 def suggest(name: str, known: Iterable[str]) -> str:
     """A repair that names the nearest of the known names, all that are as near, or lists them.

@@ -93,9 +93,7 @@ def _experiment(keys: Mapping[str, Any], strip: Strip, folder: Path, place: str,
     except InputError as error:
         inside = error.where.removeprefix(":").strip()
         at = "method" if inside.partition(".")[0] in shared else place
-        raise InputError(
-            error.message, code=error.code, where=f"{at}.{inside}".strip("."), repair=error.repair
-        ) from error
+        raise error.at(f"{at}.{inside}".strip(".")) from error
     return replace(experiment, sample=strip.sample, where=place)
 
 

@@ -96,9 +96,7 @@ def _placed(make: Callable[[], Any], place: str) -> Any:
     try:
         return make()
     except InputError as error:
-        raise InputError(
-            f"{error.where}: {error.message}".lstrip(": "), code=error.code, where=place, repair=error.repair
-        ) from error
+        raise error.at(place, f"{error.where}: {error.message}".lstrip(": ")) from error
 
 
 def _beside(named: str | None, folder: Path) -> str | None:

@@ -177,9 +177,7 @@ def _read_parameters(tables: Mapping[str, Any], where: str) -> tuple[dict[str, f
     try:
         known = Structure.of(given).declarations
     except InputError as error:
-        raise InputError(
-            error.message, code=error.code, where=f"{where}: {error.where}", repair=error.repair
-        ) from error
+        raise error.at(f"{where}: {error.where}") from error
     for name in given:
         if name not in known:
             parent = name.rpartition(".")[0]

@@ -73,9 +73,7 @@ def validated(model: type[Table], document: Any, *, where: str) -> Table:
     except ValidationError as error:
         raise as_input_error(error, document, where=f"{where}: ") from error
     except InputError as error:
-        raise InputError(
-            error.message, code=error.code, where=f"{where}: {error.where}", repair=error.repair
-        ) from error
+        raise error.at(f"{where}: {error.where}") from error
 
 
 def as_input_error(error: ValidationError, table: Any, *, where: str) -> InputError:
@@ -95,7 +93,7 @@ def as_input_error(error: ValidationError, table: Any, *, where: str) -> InputEr
     cause = context.get("error")
     if isinstance(cause, InputError):
         inside = f"{path}.{cause.where}".strip(".")
-        return InputError(cause.message, code=cause.code, where=where + inside, repair=cause.repair)
+        return cause.at(where + inside)
     if kind == "union_tag_not_found":
         return _no_format(given, where + path)
     place = (where + path).rstrip(": .")

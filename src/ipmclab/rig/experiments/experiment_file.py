@@ -194,7 +194,7 @@ def experiment_from_table(
         try:
             signal.check_fits(duration, rate)
         except InputError as error:
-            raise InputError(error.message, code=error.code, where=place(key), repair=error.repair) from error
+            raise error.at(place(key)) from error
     if not 1 <= read.repeats <= MOST_REPEATS:
         raise InputError(
             f"repeats is {read.repeats}",
@@ -273,9 +273,7 @@ def _signals(read: _Table, folder: Path, place: Any) -> list[tuple[str, Signal]]
         try:
             found.append((key, parse(text, folder=folder)))
         except InputError as error:
-            raise InputError(
-                f"{error.where}: {error.message}", code=error.code, where=place(key), repair=error.repair
-            ) from error
+            raise error.at(place(key), f"{error.where}: {error.message}") from error
     return found
 
 
@@ -289,9 +287,7 @@ def _environments(
             signal = parse(read.reference.signal, folder=folder)
             signal.check_fits(duration, rate)
         except InputError as error:
-            raise InputError(
-                error.message, code=error.code, where=place("reference.signal"), repair=error.repair
-            ) from error
+            raise error.at(place("reference.signal")) from error
     return read_environments(read.environment, read.environments, read.reference, signal, place)
 
 
