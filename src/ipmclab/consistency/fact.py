@@ -40,11 +40,11 @@ class InAir(Protocol):
     def relative_humidity(self) -> float | None: ...
 
 
-def in_one_air(one: InAir, other: InAir) -> bool:
+def in_one_air(one: InAir, other: InAir, *, warmer: float = _WARMER, wetter: float = _WETTER) -> bool:
     """Whether two runs state no different environments: elsewhere a strip answers otherwise."""
     pairs = (
-        (one.temperature, other.temperature, _WARMER),
-        (one.relative_humidity, other.relative_humidity, _WETTER),
+        (one.temperature, other.temperature, warmer),
+        (one.relative_humidity, other.relative_humidity, wetter),
     )
     return all(first is None or second is None or abs(first - second) <= most for first, second, most in pairs)
 

@@ -10,8 +10,8 @@ import numpy.typing as npt
 
 from ipmclab.confidence import NORMAL_95
 from ipmclab.fit.ages import rates_of
-from ipmclab.fit.as_fitted import listed
 from ipmclab.fit.fit import Fit
+from ipmclab.fit.rows import listed
 from ipmclab.fit.unmodelled import LEVEL
 from ipmclab.identification.problem.free_run import seen_from_sensor
 from ipmclab.identification.problem.record import PreparedRun, model_hold
