@@ -10,7 +10,7 @@ from os.path import exists, isfile  # False, where those of Path raise for a nam
 from pathlib import Path
 from typing import Any, Final
 
-from ipmclab.destination import replacing
+from ipmclab.destination import write_text
 from ipmclab.errors import InputError, suggest
 from ipmclab.kinds import tell_kinds
 from ipmclab.model import geometry
@@ -22,7 +22,7 @@ from ipmclab.model.structure import Structure
 from ipmclab.model.variants import with_stages
 from ipmclab.sample import Sample
 from ipmclab.toml_file import parse_table, read_text
-from ipmclab.units import Quantity, format_quantity, parse_quantity
+from ipmclab.units import Quantity, parse_quantity, readable_quantity
 
 _LIBRARY: Final = resources.files("ipmclab.model") / "library"
 _OTHER_KEYS: Final = ("name", "sample", "fit")
@@ -276,9 +276,7 @@ def write_actuator(actuator: Actuator, path: str | Path, *, overwrite: bool = Fa
     IpmclabError
         The system refuses to write there.
     """
-    text = actuator_to_text(actuator)
-    with replacing(path, overwrite=overwrite) as temporary:
-        temporary.write_text(text, encoding="utf-8", newline="\n")
+    write_text(actuator_to_text(actuator), path, overwrite=overwrite)
 
 
 def actuator_to_text(actuator: Actuator) -> str:
@@ -329,6 +327,4 @@ def _number_text(value: float, quantity: Quantity) -> str:
     """The number as TOML: in the unit that people read where that gives the same float, else in SI."""
     if not quantity.unit:
         return repr(value)
-    readable = f"{quantity.to_display(value):.15g} {quantity.display_unit}"
-    same = parse_quantity(readable, quantity, where="") == value
-    return f'"{readable if same else format_quantity(value, quantity)}"'
+    return f'"{readable_quantity(value, quantity)}"'
