@@ -100,6 +100,17 @@ def suggest(name: str, known: Iterable[str]) -> str:
     return f"did you mean {', '.join(others)}{' or ' if others else ''}{last}?"
 
 
+def unknown_name(what: str, name: object, known: Iterable[str], *, where: str) -> InputError:
+    """That a name is none of those that are known, with the nearest of these; its code names what it should be.
+
+    Examples
+    --------
+    >>> str(unknown_name("hold", "zeros", ["zero", "first"], where="hold"))
+    "hold: unknown hold 'zeros'; did you mean 'zero'?"
+    """
+    return InputError(f"unknown {what} {name!r}", code=f"unknown-{what}", where=where, repair=suggest(str(name), known))
+
+
 def _likeness_of_parts(name: list[str], other: list[str]) -> float:
     equal = 0
     while equal < min(len(name) - 1, len(other)) and name[equal] == other[equal]:

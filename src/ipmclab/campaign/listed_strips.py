@@ -11,7 +11,7 @@ from pydantic import Field
 from ipmclab.campaign.blocks import BASELINE, label_of
 from ipmclab.campaign.campaign import Strip, VirtualState, with_water
 from ipmclab.campaign.lines import keyed
-from ipmclab.errors import InputError, suggest
+from ipmclab.errors import InputError, unknown_name
 from ipmclab.model import Actuator, load_actuator
 from ipmclab.sample import Sample
 from ipmclab.signals import parse
@@ -79,9 +79,7 @@ def _state(read: _State, model: Actuator | None, folder: Path, place: str) -> Vi
     for name, value in read.set.items():
         where = f"{place}.set.{name}"
         if name not in known:
-            raise InputError(
-                f"unknown parameter {name!r}", code="unknown-parameter", where=where, repair=suggest(name, known)
-            )
+            raise unknown_name("parameter", name, known, where=where)
         values[name] = parse_quantity(str(value), known[name].quantity, where=where)
     return VirtualState(read.measured, signal, read.condition, named, values)
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from ipmclab.destination import write_text
-from ipmclab.errors import InputError, suggest
+from ipmclab.errors import InputError, suggest, unknown_name
 from ipmclab.kinds import tell_kinds
 from ipmclab.model import geometry
 from ipmclab.model.actuator import Actuator
@@ -147,9 +147,7 @@ def actuator_from_text(text: str, *, where: str = "actuator") -> Actuator:
     for key in document:
         if key not in (*tables, *_OTHER_KEYS):
             known = (*tables, *_OTHER_KEYS)
-            raise InputError(
-                f"unknown key {key!r}", code="unknown-key", where=f"{where}: {key}", repair=suggest(key, known)
-            )
+            raise unknown_name("key", key, known, where=f"{where}: {key}")
     name, sample, fit = document.get("name"), document.get("sample"), document.get("fit")
     if not isinstance(name, str) or not name:
         raise InputError(
@@ -182,9 +180,7 @@ def _read_parameters(tables: Mapping[str, Any], where: str) -> tuple[dict[str, f
         if name not in known:
             parent = name.rpartition(".")[0]
             siblings = [other for other in known if other.rpartition(".")[0] == parent] or list(known)
-            raise InputError(
-                f"unknown key {name!r}", code="unknown-key", where=f"{where}: {name}", repair=suggest(name, siblings)
-            )
+            raise unknown_name("key", name, siblings, where=f"{where}: {name}")
     values: dict[str, float] = {}
     uncertainties: dict[str, float] = {}
     for name, declaration in known.items():
@@ -225,9 +221,7 @@ def _flatten(value: Any, prefix: str) -> Iterator[tuple[str, Any]]:
 def _read_uncertain(table: dict[str, Any], declaration: Declaration, place: str) -> tuple[Any, float]:
     for key in table:
         if key not in _UNCERTAIN_KEYS:
-            raise InputError(
-                f"unknown key {key!r}", code="unknown-key", where=f"{place}.{key}", repair=suggest(key, _UNCERTAIN_KEYS)
-            )
+            raise unknown_name("key", key, _UNCERTAIN_KEYS, where=f"{place}.{key}")
     if "value" not in table:
         raise InputError("this key is missing", code="missing-key", where=f"{place}.value", repair="add value = ...")
     if "standard_uncertainty" not in table:

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Final, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from ipmclab.errors import InputError, suggest
+from ipmclab.errors import InputError, suggest, unknown_name
 
 Pair = Annotated[tuple[float, float], Field(strict=False)]
 """Two numbers, written ``[low, high]``."""
@@ -27,9 +27,7 @@ class Strict(BaseModel):
     def _refuse_unknown_keys(cls, table: Any) -> Any:
         for key in table if isinstance(table, dict) else ():
             if key not in cls.model_fields:
-                raise InputError(
-                    f"unknown key {key!r}", code="unknown-key", where=str(key), repair=suggest(key, cls.model_fields)
-                )
+                raise unknown_name("key", key, cls.model_fields, where=str(key))
         return table
 
 

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Final
 
 from pydantic import Field, ValidationError
 
-from ipmclab.errors import InputError, suggest
+from ipmclab.errors import InputError, unknown_name
 from ipmclab.rig.experiments.environments import (
     EXAMPLES,
     ConditionTable,
@@ -324,9 +324,7 @@ def _measured(names: Sequence[str], where: str) -> tuple[str, ...]:
     known = [name for name in CHANNELS if name != "applied_voltage"]
     for name in names:
         if name not in known:
-            raise InputError(
-                f"unknown channel {name!r}", code="unknown-channel", where=where, repair=suggest(name, MEASURABLE)
-            )
+            raise unknown_name("channel", name, MEASURABLE, where=where)
     if "displacement" in names and "force" in names:
         raise InputError(
             "displacement and force cannot be measured in one run: the load cell holds the tip",
@@ -342,7 +340,7 @@ def _steps(names: Sequence[str] | None, where: str) -> tuple[str, ...] | None:
         return None
     for name in names:
         if name not in STEPS:
-            raise InputError(f"unknown step {name!r}", code="unknown-step", where=where, repair=suggest(name, STEPS))
+            raise unknown_name("step", name, STEPS, where=where)
     if "apply" not in names:
         raise InputError("no step applies the signal", code="missing-key", where=where, repair='add "apply"')
     order = (*STEPS, "hydrate")
