@@ -100,6 +100,11 @@ def suggest(name: str, known: Iterable[str]) -> str:
     return f"did you mean {', '.join(others)}{' or ' if others else ''}{last}?"
 
 
+def missing_key(where: str, repair: str) -> InputError:
+    """That a table has not the key that it needs."""
+    return InputError("this key is missing", code="missing-key", where=where, repair=repair)
+
+
 def unknown_name(what: str, name: object, known: Iterable[str], *, where: str) -> InputError:
     """That a name is none of those that are known, with the nearest of these; its code names what it should be.
 

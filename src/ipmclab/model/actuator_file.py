@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from ipmclab.destination import write_text
-from ipmclab.errors import InputError, suggest, unknown_name
+from ipmclab.errors import InputError, missing_key, suggest, unknown_name
 from ipmclab.kinds import tell_kinds
 from ipmclab.model import geometry
 from ipmclab.model.actuator import Actuator
@@ -188,12 +188,7 @@ def _read_parameters(tables: Mapping[str, Any], where: str) -> tuple[dict[str, f
         if name not in given:
             if declaration.default is None:
                 unit = declaration.quantity.display_unit
-                raise InputError(
-                    "this key is missing",
-                    code="missing-key",
-                    where=place,
-                    repair=f'add {name.rpartition(".")[2]} = "... {unit}" ({declaration.symbol})',
-                )
+                raise missing_key(place, f'add {name.rpartition(".")[2]} = "... {unit}" ({declaration.symbol})')
             continue
         raw = given[name]
         if isinstance(raw, dict):
@@ -223,7 +218,7 @@ def _read_uncertain(table: dict[str, Any], declaration: Declaration, place: str)
         if key not in _UNCERTAIN_KEYS:
             raise unknown_name("key", key, _UNCERTAIN_KEYS, where=f"{place}.{key}")
     if "value" not in table:
-        raise InputError("this key is missing", code="missing-key", where=f"{place}.value", repair="add value = ...")
+        raise missing_key(f"{place}.value", "add value = ...")
     if "standard_uncertainty" not in table:
         return table["value"], 0.0
     uncertainty_place = f"{place}.standard_uncertainty"

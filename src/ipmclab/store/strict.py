@@ -8,7 +8,7 @@ from typing import Annotated, Any, Final, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from ipmclab.errors import InputError, suggest, unknown_name
+from ipmclab.errors import InputError, missing_key, suggest, unknown_name
 
 Pair = Annotated[tuple[float, float], Field(strict=False)]
 """Two numbers, written ``[low, high]``."""
@@ -96,7 +96,7 @@ def as_input_error(error: ValidationError, table: Any, *, where: str) -> InputEr
         return _no_format(given, where + path)
     place = (where + path).rstrip(": .")
     if kind == "missing":
-        return InputError("this key is missing", code="missing-key", where=place, repair="add it")
+        return missing_key(place, "add it")
     shown = repr(given) if len(repr(given)) <= 60 else repr(given)[:57] + "..."
     if kind == "union_tag_invalid":
         names = re.findall("'([^']*)'", context["expected_tags"])
