@@ -13,6 +13,7 @@ from ipmclab.campaign.campaign import Strip, VirtualState, with_water
 from ipmclab.campaign.lines import keyed
 from ipmclab.errors import InputError, unknown_name
 from ipmclab.model import Actuator, load_actuator
+from ipmclab.rig.experiments.experiment_file import beside
 from ipmclab.sample import Sample
 from ipmclab.signals import parse
 from ipmclab.store.strict import Strict
@@ -45,7 +46,7 @@ def strip_of(table: Mapping[str, Any], folder: Path, place: str) -> Strip:
     own = {key: value for key, value in table.items() if key in _Samples.model_fields}
     read = keyed(_Samples, own, place)
     rest = {key: value for key, value in table.items() if key not in own}
-    actuator = _beside(read.actuator, folder)
+    actuator = beside(read.actuator, folder)
     if "id" not in rest or "/" in str(rest["id"]):
         raise InputError(
             "a sample of a campaign needs an id without '/'",
@@ -65,7 +66,7 @@ def _state(read: _State, model: Actuator | None, folder: Path, place: str) -> Vi
     signal = read.signal
     if signal not in (None, BASELINE):
         signal = _placed(lambda: label_of(parse(read.signal or "", folder=folder), folder), f"{place}.signal")
-    named = _beside(read.actuator, folder)
+    named = beside(read.actuator, folder)
     base = model if named is None else _loaded(named, f"{place}.actuator")
     if base is None and read.set:
         raise InputError(
@@ -95,8 +96,3 @@ def _placed(make: Callable[[], Any], place: str) -> Any:
         return make()
     except InputError as error:
         raise error.at(place, f"{error.where}: {error.message}".lstrip(": ")) from error
-
-
-def _beside(named: str | None, folder: Path) -> str | None:
-    """The name of a library actuator, or the path of a file in the folder of the campaign."""
-    return str(folder / named) if named is not None and (folder / named).is_file() else named

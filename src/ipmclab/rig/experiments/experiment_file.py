@@ -221,7 +221,7 @@ def experiment_from_table(
         pair=read.pair,
         baseline=read.baseline,
         fingerprint=read.fingerprint,
-        actuator=_actuator(read.actuator, folder),
+        actuator=beside(read.actuator, folder),
         operator=read.operator,
         notes=read.notes,
         mounting_id=read.mounting_id,
@@ -298,7 +298,7 @@ def _sample(read: _Table, folder: Path, place: Any) -> Sample:
     if read.actuator is not None:
         from ipmclab.model import load_actuator
 
-        actuator = load_actuator(_actuator(read.actuator, folder) or "")
+        actuator = load_actuator(beside(read.actuator, folder) or "")
         from_model = actuator.sample or Sample(id=actuator.name)
     if read.sample:
         return from_model if from_model is not None and from_model.id == read.sample else Sample(id=read.sample)
@@ -312,12 +312,9 @@ def _sample(read: _Table, folder: Path, place: Any) -> Sample:
     )
 
 
-def _actuator(named: str | None, folder: Path) -> str | None:
-    """The name of a library actuator, or the path of a file in the folder of the experiment."""
-    if named is None:
-        return None
-    in_folder = folder / named
-    return str(in_folder) if in_folder.is_file() else named
+def beside(named: str | None, folder: Path) -> str | None:
+    """The name of a library actuator, or the path of a file in the folder of the file that names it."""
+    return str(folder / named) if named is not None and (folder / named).is_file() else named
 
 
 def _measured(names: Sequence[str], where: str) -> tuple[str, ...]:
