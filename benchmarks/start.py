@@ -79,10 +79,7 @@ def watch(command: Command, folder: Path, turn: int) -> tuple[float, float]:
 
 def commands(folder: Path) -> list[Command]:
     run = folder / "given.nc"
-    if not run.exists():
-        ipmclab.write_run(
-            ipmclab.simulate(ipmclab.load_actuator("friend-2"), "step 1 V", duration=40.0, rate=50.0), run
-        )
+    ipmclab.write_run(ipmclab.simulate(ipmclab.load_actuator("friend-2"), "step 1 V", duration=40.0, rate=50.0), run)
     simulate = (
         "-m", "ipmclab", "simulate", "friend-2", "--signal", "step 1 V", "--duration", "40 s", "--rate", "50 Hz",
         "--out", "run.nc",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -42,6 +43,12 @@ class ArrayChecksum:
     def digest(self) -> str:
         """Kind, length and checksum of the values so far."""
         return f"{self._kind} {self._length} {self._sha256.hexdigest()}"
+
+
+def file_checksum(path: Path) -> str:
+    """SHA-256 of a file."""
+    with path.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
 def content_checksum(hold: str, digests: Mapping[str, str]) -> str:

@@ -62,6 +62,17 @@ class InputError(IpmclabError, ValueError):
 
     exit_status = 2
 
+    def at(self, where: str, message: str | None = None) -> InputError:
+        """The same error at another place.
+
+        Parameters
+        ----------
+        where : str
+        message : str, optional
+            What is wrong, in other words.
+        """
+        return InputError(self.message if message is None else message, code=self.code, where=where, repair=self.repair)
+
 
 def suggest(name: str, known: Iterable[str]) -> str:
     """A repair that names the nearest of the known names, all that are as near, or lists them.
@@ -87,6 +98,22 @@ def suggest(name: str, known: Iterable[str]) -> str:
         return "known: " + ", ".join(repr(other) for other in names)
     *others, last = [repr(other) for other, found in likeness.items() if found == largest]
     return f"did you mean {', '.join(others)}{' or ' if others else ''}{last}?"
+
+
+def missing_key(where: str, repair: str) -> InputError:
+    """That a table has not the key that it needs."""
+    return InputError("this key is missing", code="missing-key", where=where, repair=repair)
+
+
+def unknown_name(what: str, name: object, known: Iterable[str], *, where: str) -> InputError:
+    """That a name is none of those that are known, with the nearest of these; its code names what it should be.
+
+    Examples
+    --------
+    >>> str(unknown_name("hold", "zeros", ["zero", "first"], where="hold"))
+    "hold: unknown hold 'zeros'; did you mean 'zero'?"
+    """
+    return InputError(f"unknown {what} {name!r}", code=f"unknown-{what}", where=where, repair=suggest(str(name), known))
 
 
 def _likeness_of_parts(name: list[str], other: list[str]) -> float:

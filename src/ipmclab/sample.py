@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 from typing import Any, Final
 
-from ipmclab.errors import InputError, suggest
+from ipmclab.errors import InputError, unknown_name
 from ipmclab.units import AREAL_MASS, LENGTH, MASS, TIME, Quantity, format_quantity, parse_quantity
 
 _QUANTITIES: Final[dict[str, Quantity]] = {
@@ -92,7 +92,7 @@ class Sample:
         for key, value in table.items():
             place = f"{where}.{key}"
             if key not in known:
-                raise InputError(f"unknown key {key!r}", code="unknown-key", where=place, repair=suggest(key, known))
+                raise unknown_name("key", key, known, where=place)
             if key in _LISTS:
                 values[key] = _texts(value, place)
                 continue

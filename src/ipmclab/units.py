@@ -343,3 +343,15 @@ def format_quantity(value: float, quantity: Quantity) -> str:
     """
     number = repr(float(value))  # a NumPy scalar would write its type too
     return f"{number} {quantity.unit}" if quantity.unit else number
+
+
+def readable_quantity(value: float, quantity: Quantity) -> str:
+    """Write an SI float in the unit that people read where reading that back gives the same float, else in SI.
+
+    Examples
+    --------
+    >>> readable_quantity(0.025, LENGTH), readable_quantity(1.0 / 3.0, LENGTH)
+    ('25 mm', '0.3333333333333333 m')
+    """
+    readable = f"{quantity.to_display(value):.15g} {quantity.display_unit}"
+    return readable if parse_quantity(readable, quantity, where="") == value else format_quantity(value, quantity)

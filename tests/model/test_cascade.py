@@ -10,12 +10,13 @@ from ipmclab.model import with_stages
 from ipmclab.model.numerics import kernels
 from ipmclab.model.numerics.cascade import Wiring, entries_of
 from ipmclab.model.numerics.cascade_loop import cascade, room_for
-from ipmclab.model.numerics.modal import NEARLY_MEET, Modes, modes, recursion
+from ipmclab.model.numerics.modal import NEARLY_MEET, Modes, modes
 from ipmclab.model.numerics.modal_loop import modal_sections as plain_sections
 from ipmclab.model.outputs import modal_coefficients, modal_sections, set_up, simulate_outputs
 from ipmclab.model.ports import OUTPUT_PORTS, left_at_rest
 from ipmclab.model.written_out import written_out
 from ipmclab.run import Hold
+from tests.model.by_fractions import recursion
 
 HOLDS: tuple[Hold, ...] = ("zero", "zero-before", "first")
 FRIEND = load_actuator("friend-2")
@@ -68,7 +69,7 @@ def test_compiled_or_not_the_digits_are_the_same() -> None:
         for number in range(len(HOLDS)):
             both = np.zeros((2, 43))
             asked = entries_of(strip.blocks()), wiring.numbers, 3, wiring.ports, NEARLY_MEET, 0.02, number
-            rooms = np.zeros((2, *room_for(3, wiring.ports)))
+            rooms = np.zeros((2, *room_for(3, wiring.ports, 4)))
             assert kernels.cascade(*asked, rooms[0], both[0]) == cascade(*asked, rooms[1], both[1])
             np.testing.assert_array_equal(both[0], both[1])
 

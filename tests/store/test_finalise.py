@@ -38,7 +38,7 @@ def test_it_can_be_stopped_anywhere_and_done_again(tmp_path: Path, monkeypatch: 
     expected = finish_here(journal, laboratory)
     whole = Path(expected.path)
     checksum = read_run(whole).content_sha256
-    steps = ("_write", "_difference", "move_file", "_sha256")
+    steps = ("_write", "_difference", "move_file", "file_checksum")
     for step in steps:
         for call in (0, 1):
             for after in (False, True):

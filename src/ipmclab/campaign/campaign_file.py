@@ -115,7 +115,7 @@ def campaign_from_text(
     except InputError as error:
         found, place = line_of(text, error.where), f"{where}: {error.where}".rstrip(": ")
         at = f"{where}, line {found}: {error.where}" if found is not None and error.where else place
-        raise InputError(error.message, code=error.code, where=at, repair=error.repair) from error
+        raise error.at(at) from error
 
 
 def _campaign(table: Mapping[str, Any], folder: Path, name: str, text: str, where: str) -> Campaign:
@@ -177,9 +177,7 @@ def _rig(rig_file: Path | str) -> Rig:
     try:
         return load_rig(rig_file)
     except InputError as error:
-        raise InputError(
-            f"{error.where}: {error.message}", code=error.code, where="rig", repair=error.repair
-        ) from error
+        raise error.at("rig", f"{error.where}: {error.message}") from error
 
 
 def _named_files(

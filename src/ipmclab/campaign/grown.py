@@ -13,7 +13,7 @@ from ipmclab.campaign.campaign import Campaign
 from ipmclab.campaign.campaign_file import campaign_from_text
 from ipmclab.campaign.planned import plan_campaign
 from ipmclab.campaign.state import State
-from ipmclab.destination import replacing
+from ipmclab.destination import write_text
 from ipmclab.errors import InputError
 from ipmclab.model.environment import Environment
 from ipmclab.planning.strips import StripsProposal
@@ -123,16 +123,11 @@ def append(campaign: Campaign, path: Path, folder: Path | None, lines: str) -> C
         )
     found = grown(campaign, path, lines)
     if folder is None:
-        _write(found, path)
+        write_text(found.text, path, overwrite=True)
         return found
     with State(folder) as state:
-        _write(found, path)
+        write_text(found.text, path, overwrite=True)
         plan = [run.id for block in blocks_of(found) for run in block.runs]
         about = {"title": found.title, "checksum": found.checksum}
         state.add("campaign", **about, version=__version__, plan=plan, text=found.text)
     return found
-
-
-def _write(campaign: Campaign, path: Path) -> None:
-    with replacing(path, overwrite=True) as part:
-        part.write_text(campaign.text, encoding="utf-8", newline="\n")

@@ -19,9 +19,7 @@ def keyed(model: type[Any], table: Mapping[str, Any], place: str = "") -> Any:
         return validated(model, table, where="")
     except InputError as error:
         inside = error.where.removeprefix(":").strip()
-        raise InputError(
-            error.message, code=error.code, where=f"{place}.{inside}".strip("."), repair=error.repair
-        ) from error
+        raise error.at(f"{place}.{inside}".strip(".")) from error
 
 
 def line_of(text: str, place: str) -> int | None:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from ipmclab.campaign.campaign import ROOM, Part, Strip
-from ipmclab.errors import InputError, suggest
+from ipmclab.errors import InputError, missing_key, suggest
 from ipmclab.rig.experiments.experiment import Experiment
 from ipmclab.rig.experiments.experiment_file import experiment_from_table
 from ipmclab.toml_file import parse_table, read_text
@@ -82,20 +82,13 @@ def _experiment(keys: Mapping[str, Any], strip: Strip, folder: Path, place: str,
         table["actuator"] = strip.actuator
     for key, why in (("rate", "50 Hz"), ("duration", "40 s")):
         if key not in table:
-            raise InputError(
-                "this key is missing",
-                code="missing-key",
-                where=place,
-                repair=f'add {key} = "{why}", here or in [method]',
-            )
+            raise missing_key(place, f'add {key} = "{why}", here or in [method]')
     try:
         experiment = experiment_from_table(table, folder=folder, where="", name=place)
     except InputError as error:
         inside = error.where.removeprefix(":").strip()
         at = "method" if inside.partition(".")[0] in shared else place
-        raise InputError(
-            error.message, code=error.code, where=f"{at}.{inside}".strip("."), repair=error.repair
-        ) from error
+        raise error.at(f"{at}.{inside}".strip(".")) from error
     return replace(experiment, sample=strip.sample, where=place)
 
 

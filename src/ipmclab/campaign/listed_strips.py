@@ -11,8 +11,9 @@ from pydantic import Field
 from ipmclab.campaign.blocks import BASELINE, label_of
 from ipmclab.campaign.campaign import Strip, VirtualState, with_water
 from ipmclab.campaign.lines import keyed
-from ipmclab.errors import InputError, suggest
+from ipmclab.errors import InputError, unknown_name
 from ipmclab.model import Actuator, load_actuator
+from ipmclab.rig.experiments.experiment_file import beside
 from ipmclab.sample import Sample
 from ipmclab.signals import parse
 from ipmclab.store.strict import Strict
@@ -45,7 +46,7 @@ def strip_of(table: Mapping[str, Any], folder: Path, place: str) -> Strip:
     own = {key: value for key, value in table.items() if key in _Samples.model_fields}
     read = keyed(_Samples, own, place)
     rest = {key: value for key, value in table.items() if key not in own}
-    actuator = _beside(read.actuator, folder)
+    actuator = beside(read.actuator, folder)
     if "id" not in rest or "/" in str(rest["id"]):
         raise InputError(
             "a sample of a campaign needs an id without '/'",
@@ -65,7 +66,7 @@ def _state(read: _State, model: Actuator | None, folder: Path, place: str) -> Vi
     signal = read.signal
     if signal not in (None, BASELINE):
         signal = _placed(lambda: label_of(parse(read.signal or "", folder=folder), folder), f"{place}.signal")
-    named = _beside(read.actuator, folder)
+    named = beside(read.actuator, folder)
     base = model if named is None else _loaded(named, f"{place}.actuator")
     if base is None and read.set:
         raise InputError(
@@ -79,9 +80,7 @@ def _state(read: _State, model: Actuator | None, folder: Path, place: str) -> Vi
     for name, value in read.set.items():
         where = f"{place}.set.{name}"
         if name not in known:
-            raise InputError(
-                f"unknown parameter {name!r}", code="unknown-parameter", where=where, repair=suggest(name, known)
-            )
+            raise unknown_name("parameter", name, known, where=where)
         values[name] = parse_quantity(str(value), known[name].quantity, where=where)
     return VirtualState(read.measured, signal, read.condition, named, values)
 
@@ -96,11 +95,4 @@ def _placed(make: Callable[[], Any], place: str) -> Any:
     try:
         return make()
     except InputError as error:
-        raise InputError(
-            f"{error.where}: {error.message}".lstrip(": "), code=error.code, where=place, repair=error.repair
-        ) from error
-
-
-def _beside(named: str | None, folder: Path) -> str | None:
-    """The name of a library actuator, or the path of a file in the folder of the campaign."""
-    return str(folder / named) if named is not None and (folder / named).is_file() else named
+        raise error.at(place, f"{error.where}: {error.message}".lstrip(": ")) from error

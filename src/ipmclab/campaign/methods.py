@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from ipmclab.campaign.blocks import Block
 from ipmclab.campaign.campaign import ROOM, Campaign
 from ipmclab.campaign.identified import SampleModel
+from ipmclab.fit.rows import listed
 from ipmclab.rig.channels import Rig
 from ipmclab.rig.experiments.environments import TargetEnvironment
 from ipmclab.rig.experiments.experiment import Experiment
@@ -53,7 +54,7 @@ def methods(campaign: Campaign, blocks: Sequence[Block], events: Sequence[Mappin
 
 def _setting(campaign: Campaign, events: Sequence[Mapping[str, Any]]) -> str:
     rig = campaign.rig
-    names = _listed([channel.name.replace("_", " ") for channel in rig.channels])
+    names = listed([channel.name.replace("_", " ") for channel in rig.channels])
     strips = len(campaign.strips)
     samples = "One sample was" if strips == 1 else f"{strips} samples were"
     text = f"{samples} recorded on {rig.name}, which reads {names}"
@@ -67,7 +68,7 @@ def _setting(campaign: Campaign, events: Sequence[Mapping[str, Any]]) -> str:
         text += " The bench was a virtual one: strips, sensors and their noise were computed, in lock-step, from seed "
         text += f"{campaign.seed}; each run began with a strip at rest."
     versions = dict.fromkeys(str(one["version"]) for one in events if one["event"] == "campaign")
-    return text + (f" Software: ipmclab {_listed(list(versions))}." if versions else "")
+    return text + (f" Software: ipmclab {listed(versions)}." if versions else "")
 
 
 def _order(campaign: Campaign) -> str:
@@ -94,8 +95,8 @@ def _facts(campaign: Campaign, events: Sequence[Mapping[str, Any]]) -> Iterator[
     lines = []
     for how, names in by.items():
         samples = list(dict.fromkeys(sample for each in names.values() for sample in each))
-        of = "" if len(samples) == len(campaign.strips) else f" of {_listed(samples)}"
-        lines.append(f"{_listed(list(names))}{of} ({how})")
+        of = "" if len(samples) == len(campaign.strips) else f" of {listed(samples)}"
+        lines.append(f"{listed(names)}{of} ({how})")
     if lines:
         yield f"Measured without a run: {'; '.join(lines)}."
 
@@ -118,16 +119,16 @@ def _experiments(campaign: Campaign, blocks: Sequence[Block]) -> Iterator[str]:
 
 
 def _experiment(name: str, experiment: Experiment, ours: Sequence[Block]) -> str:
-    samples = _listed(list(dict.fromkeys(block.strip.sample.id for block in ours)))
-    signals = _listed(list(dict.fromkeys(run.label for block in ours for run in block.runs)))
+    samples = listed(dict.fromkeys(block.strip.sample.id for block in ours))
+    signals = listed(dict.fromkeys(run.label for block in ours for run in block.runs))
     conditions = list(dict.fromkeys(block.condition for block in ours))
     count = sum(len(block.runs) for block in ours)
-    where = "in room conditions" if conditions == [ROOM] else f"at {_listed(conditions)}"
+    where = "in room conditions" if conditions == [ROOM] else f"at {listed(conditions)}"
     if len(conditions) > 1:
         way = "up the list and down again" if experiment.order == "palindromic" else "in this order"
         where += f", visited {way}"
     return (
-        f"{name[0].upper()}{name[1:]}: {_listed(list(experiment.measured))} of {samples} {where}; {signals}; "
+        f"{name[0].upper()}{name[1:]}: {listed(experiment.measured)} of {samples} {where}; {signals}; "
         f"{experiment.duration:g} s each at {experiment.rate:g} rows a second, after {experiment.rest_before:g} s and "
         f"before {experiment.rest_after:g} s at 0 V; {count} run{'s' if count > 1 else ''}."
     )
@@ -175,7 +176,7 @@ def _checks(campaign: Campaign, events: Sequence[Mapping[str, Any]]) -> str:
         )
         if verdicts[verdict]
     ]
-    return text + (f" {_listed(parts)[0].upper()}{_listed(parts)[1:]}." if parts else "")
+    return text + (f" {listed(parts)[0].upper()}{listed(parts)[1:]}." if parts else "")
 
 
 def identification(models: Sequence[SampleModel]) -> tuple[str, ...]:
@@ -212,14 +213,3 @@ def comparing(comparison: Comparison | None) -> tuple[str, ...]:
         else ""
     )
     return (f"{drift}{effects}The interval of a mean over repeats is Student's.",)
-
-
-def _listed(names: Sequence[str]) -> str:
-    """Names as people list them.
-
-    Examples
-    --------
-    >>> _listed(["a"]), _listed(["a", "b", "c"])
-    ('a', 'a, b and c')
-    """
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}" if names else ""

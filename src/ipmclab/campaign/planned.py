@@ -173,12 +173,7 @@ def _plan(campaign: Campaign, one: Sitting, bytes_free: int) -> Plan:
     try:
         return make_plan(one.experiment, campaign.rig, bytes_free=bytes_free, actuator=strip)
     except InputError as error:
-        raise InputError(
-            f"{one.block.strip.sample.id}: {error.message}",
-            code=error.code,
-            where=f"{campaign.where}: {error.where}",
-            repair=error.repair,
-        ) from error
+        raise error.at(f"{campaign.where}: {error.where}", f"{one.block.strip.sample.id}: {error.message}") from error
 
 
 def _timed(one: Sitting, plan: Plan, began: float) -> list[TimedRun]:

@@ -10,6 +10,7 @@ from ipmclab.choosing.compare import Difference
 from ipmclab.choosing.noise import FadingNoise
 from ipmclab.fit.fit import Fit
 from ipmclab.fit.in_brief import LACKING, in_brief
+from ipmclab.fit.rows import listed
 from ipmclab.model.left_open import first_of
 from ipmclab.shown import Shown
 
@@ -170,11 +171,11 @@ class Choice(Shown):
         ranked = self.ranked
         if self.unfinished:
             were = "was" if len(self.unfinished) == 1 else "were"
-            lines.append(f"Interrupted: {_listed(self.unfinished)} {were} not finished, and {were} not compared.")
+            lines.append(f"Interrupted: {listed(self.unfinished)} {were} not finished, and {were} not compared.")
         against = [(one, self.differences[one.name, self.best]) for one in ranked[1:]]
         alike = [one for one, difference in against if not difference.is_distinguished]
         if alike:
-            lines.append(f"These records cannot distinguish {_listed([self.best, *(one.name for one in alike)])}.")
+            lines.append(f"These records cannot distinguish {listed([self.best, *(one.name for one in alike)])}.")
             these = [self[self.best], *alike]
             close = as_close(these)
             of = "these" if len(close) == len(these) else f"those whose RMSE is at most {AS_CLOSE:g} times the least"
@@ -205,14 +206,14 @@ class Choice(Shown):
                 lines.append(f"{one.name} predicts worse than {self.best} (by {size}).")
         lines += [*self._by_criteria(), *self._still_lacking(), *self._left_open()]
         lines += [
-            f"{one.name}: only {_listed(labels)} shows {stage}, and without it the fit leaves that stage open. So "
+            f"{one.name}: only {listed(labels)} shows {stage}, and without it the fit leaves that stage open. So "
             "whole runs cannot judge it: hold out blocks of time (--hold-out blocks)."
             for one in ranked
             if one.name != self.preferred or alike
             for stage, labels in one.shown_in_one.items()
         ]
         lines += [
-            f"{one.name}: nothing of {_listed(one.held)} is free, so that it stays at the values of the actuator, "
+            f"{one.name}: nothing of {listed(one.held)} is free, so that it stays at the values of the actuator, "
             "usual ones where the stage was added by name; free it too (--free), or leave --free out."
             for one in self.candidates
             if one.held
@@ -225,7 +226,7 @@ class Choice(Shown):
         failed = [one for one in self.candidates if one.reason not in ("", UNFINISHED)]
         lines += [f"{one.name} could not be compared: {one.reason}." for one in failed]
         if self.unscored:
-            lines.append(f"Not every model reads the {_listed(self.unscored)}: that was left out of the comparison.")
+            lines.append(f"Not every model reads the {listed(self.unscored)}: that was left out of the comparison.")
         return tuple(lines)
 
     def _by_criteria(self) -> list[str]:
@@ -240,7 +241,7 @@ class Choice(Shown):
         lines = []
         for name, criteria in chosen.items():
             one = len(criteria) == 1
-            least = f"{_listed(criteria)} {'is' if one else 'are'} least for {name}"
+            least = f"{listed(criteria)} {'is' if one else 'are'} least for {name}"
             why = "it has fewer parameters" if own.parameters < self[name].parameters else "its RMSE is less"
             lines.append(
                 f"{least}, which also predicted best: {own.name} is preferred only because {why}."
@@ -332,7 +333,3 @@ def _difference(one: Difference) -> dict[str, Any]:
         "limit": one.limit,
         "told": one.is_distinguished,
     }
-
-
-def _listed(names: Sequence[str]) -> str:
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"

@@ -94,7 +94,7 @@ def _model_or_fault(word: str, base: str | Actuator | None) -> Actuator | InputE
     except InputError as fault:
         if fault.code in _NOT_TOGETHER:
             return fault
-        raise InputError(fault.message, code=fault.code, where=f"models: {word}", repair=fault.repair) from fault
+        raise fault.at(f"models: {word}") from fault
 
 
 def _model(word: str, base: str | Actuator | None) -> Actuator:

@@ -11,7 +11,7 @@ import typer
 from ipmclab.cli.files import means_actuator, read_runs
 from ipmclab.cli.options import Json
 from ipmclab.cli.output import finding_document, print_findings, print_json, progress
-from ipmclab.errors import InputError, suggest
+from ipmclab.errors import unknown_name
 
 if TYPE_CHECKING:
     from ipmclab.run import Finding, Run
@@ -46,12 +46,7 @@ def check(
     ipmclab check fitted.toml step.nc sine.nc
     """
     if fail_on is not None and fail_on not in SEVERITIES:
-        raise InputError(
-            f"unknown severity {fail_on!r}",
-            code="unknown-severity",
-            where="--fail-on",
-            repair=suggest(fail_on, SEVERITIES),
-        )
+        raise unknown_name("severity", fail_on, SEVERITIES, where="--fail-on")
     model = None
     if actuator is not None:
         from ipmclab import load_actuator

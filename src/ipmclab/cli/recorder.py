@@ -263,7 +263,7 @@ def chamber_of(plan: Plan, bench: Bench, log: Path) -> Iterator[ChamberWatch | N
     except InputError as error:
         chamber.close()
         where = f"{plan.experiment.where}: environments: {error.where}"
-        raise InputError(error.message, code=error.code, where=where, repair=error.repair) from error
+        raise error.at(where) from error
     keeper = None if settings.is_virtual else Keeper(settings, log)
     clock = getattr(bench, "elapsed", None) if settings.is_virtual else None
     watch = ChamberWatch(chamber, clock=clock, keeper=None if keeper is None else keeper.hold)

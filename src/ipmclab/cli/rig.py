@@ -20,7 +20,7 @@ from ipmclab.cli.output import (
 from ipmclab.cli.rig_prove import prove
 from ipmclab.cli.rig_serve import serve
 from ipmclab.cli.rig_sheet import sheet
-from ipmclab.errors import InputError, suggest
+from ipmclab.errors import unknown_name
 from ipmclab.units import CHANNELS, CURRENT, VOLTAGE
 
 if TYPE_CHECKING:
@@ -71,12 +71,7 @@ def check(
     ipmclab rig check rig.toml --actuator friend-2 --amplitude "1 V"
     """
     if fail_on is not None and fail_on not in SEVERITIES:
-        raise InputError(
-            f"unknown severity {fail_on!r}",
-            code="unknown-severity",
-            where="--fail-on",
-            repair=suggest(fail_on, SEVERITIES),
-        )
+        raise unknown_name("severity", fail_on, SEVERITIES, where="--fail-on")
     from ipmclab import load_actuator
     from ipmclab.cli.benches import make_bench, make_chamber
     from ipmclab.rig.checks.check import check_rig

@@ -20,7 +20,7 @@ from ipmclab.cli.output import (
     significant,
     with_unit,
 )
-from ipmclab.errors import InputError, suggest
+from ipmclab.errors import InputError, unknown_name
 from ipmclab.units import CHANNELS, FREQUENCY, TIME, Quantity, parse_quantity
 
 if TYPE_CHECKING:
@@ -74,7 +74,7 @@ def simulate(
     from ipmclab.model.validity import sentence
 
     if hold not in HOLDS:
-        raise InputError(f"unknown hold {hold!r}", code="unknown-hold", where="--hold", repair=suggest(hold, HOLDS))
+        raise unknown_name("hold", hold, HOLDS, where="--hold")
     seconds = positive(duration, TIME, option="--duration")
     hertz = positive(rate, FREQUENCY, option="--rate")
     applied = signals.parse(signal)

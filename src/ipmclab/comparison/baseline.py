@@ -15,6 +15,7 @@ from typing import Final
 
 import numpy as np
 
+from ipmclab.consistency.fact import in_one_air
 from ipmclab.quality.check import check
 from ipmclab.quality.noise import noise_of_readings
 from ipmclab.quality.record import NO_VOLTAGE
@@ -54,11 +55,7 @@ class Air:
 
     def is_other(self, other: Air) -> bool:
         """Whether a strip curls otherwise in the other air; not where that is not known."""
-        pairs = (
-            (self.temperature, other.temperature, _WARMER),
-            (self.relative_humidity, other.relative_humidity, _WETTER),
-        )
-        return any(one is not None and its is not None and abs(one - its) > most for one, its, most in pairs)
+        return not in_one_air(self, other, warmer=_WARMER, wetter=_WETTER)
 
 
 def air_of(run: Run) -> Air:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from ipmclab.errors import InputError, suggest
+from ipmclab.errors import unknown_name
 from ipmclab.units import (
     AREAL_MASS,
     FREQUENCY,
@@ -85,9 +85,7 @@ def chosen_factors(names: Sequence[str]) -> tuple[Factor, ...]:
     words = [word.strip() for name in names for word in name.split(",") if word.strip()]
     for word in words:
         if word not in FACTORS:
-            raise InputError(
-                f"unknown factor {word!r}", code="unknown-factor", where="by", repair=suggest(word, FACTORS)
-            )
+            raise unknown_name("factor", word, FACTORS, where="by")
     return tuple(FACTORS[word] for word in dict.fromkeys(words)) or tuple(FACTORS.values())
 
 

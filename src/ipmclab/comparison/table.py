@@ -13,7 +13,7 @@ import numpy as np
 from ipmclab.comparison.baseline import Drift, air_of, is_baseline
 from ipmclab.comparison.factors import FACTORS
 from ipmclab.comparison.run_metrics import metrics_of_run
-from ipmclab.destination import replacing
+from ipmclab.destination import write_text
 from ipmclab.model.actuator import Actuator
 from ipmclab.quality.metrics import Metric
 from ipmclab.quality.period import period_of
@@ -147,6 +147,5 @@ def write_csv(text: str, path: str | Path, *, overwrite: bool = False) -> Path:
         A folder that does not exist, or a file that does.
     """
     target = Path(path)
-    with replacing(target, overwrite=overwrite) as part:
-        part.write_text(text, encoding="utf-8", newline="\n")
+    write_text(text, target, overwrite=overwrite)
     return target

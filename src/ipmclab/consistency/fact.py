@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final, Literal, Protocol
 
-from ipmclab.errors import InputError, suggest
+from ipmclab.errors import InputError, unknown_name
 from ipmclab.units import CHANNELS
 
 Waveform = Literal["step", "sine", "square", "push", "flick"]
@@ -40,11 +40,11 @@ class InAir(Protocol):
     def relative_humidity(self) -> float | None: ...
 
 
-def in_one_air(one: InAir, other: InAir) -> bool:
+def in_one_air(one: InAir, other: InAir, *, warmer: float = _WARMER, wetter: float = _WETTER) -> bool:
     """Whether two runs state no different environments: elsewhere a strip answers otherwise."""
     pairs = (
-        (one.temperature, other.temperature, _WARMER),
-        (one.relative_humidity, other.relative_humidity, _WETTER),
+        (one.temperature, other.temperature, warmer),
+        (one.relative_humidity, other.relative_humidity, wetter),
     )
     return all(first is None or second is None or abs(first - second) <= most for first, second, most in pairs)
 
@@ -117,12 +117,7 @@ class Fact:
         """Refuse what nothing can be compared with."""
         said = self.where or f"{self.metric} of the {self.waveform}"
         if self.waveform not in _NEEDS:
-            raise InputError(
-                f"unknown waveform {self.waveform!r}",
-                code="unknown-waveform",
-                where=said,
-                repair=suggest(self.waveform, _NEEDS),
-            )
+            raise unknown_name("waveform", self.waveform, _NEEDS, where=said)
         for name in _NEEDS[self.waveform]:
             if getattr(self, name) is None:
                 raise InputError(

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import Final
 
 from ipmclab.errors import InputError
 from ipmclab.fit.fit import Fit
+from ipmclab.fit.rows import listed
 
 _SAME: Final = 1e-9
 """Values that went through a file in another unit differ by less."""
@@ -58,17 +58,6 @@ def need_as_fitted(fit: Fit) -> None:
             where="fit",
             repair="identify again with these values, or take the file as identify wrote it",
         )
-
-
-def listed(names: Sequence[str]) -> str:
-    """Names as a text has them.
-
-    Examples
-    --------
-    >>> listed(["a"]), listed(["a", "b", "c"])
-    ('a', 'a, b and c')
-    """
-    return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
 
 
 def is_same(one: float, other: object) -> bool:

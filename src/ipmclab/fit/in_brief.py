@@ -9,6 +9,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Final
 
+from ipmclab.fit.rows import listed
 from ipmclab.run import Finding, Severity
 
 MOST: Final = 5
@@ -353,7 +354,7 @@ def _asked(names: Sequence[str], cure: str) -> str:
     >>> _asked(["coupling.gain", "coupling.zero", "coupling.p2"], "record faster")
     'to determine coupling.gain, coupling.zero and coupling.p2'
     """
-    every = ", ".join(names[:-1]) + (" and " if names[:-1] else "") + "".join(names[-1:])
+    every = listed(names)
     first = f"{names[0]} and {len(names) - 1} more" if len(names) > 1 else every
     for clauses, room in ((every, len(cure) if len(names) > 2 else 0), (first, 0)):
         if clauses and len(f"to determine {clauses}: ") + room <= _ROOM:

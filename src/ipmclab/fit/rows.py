@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
@@ -134,3 +135,15 @@ def size_in_words(size: float, output: str) -> str:
     """
     quantity = CHANNELS[output]
     return f"{significant(quantity.to_display(size), 3)} {quantity.display_unit}"
+
+
+def listed(names: Iterable[str]) -> str:
+    """Names as a text has them; empty where there are none.
+
+    Examples
+    --------
+    >>> listed(["a"]), listed(["a", "b", "c"])
+    ('a', 'a, b and c')
+    """
+    *most, last = list(names) or [""]
+    return f"{', '.join(most)} and {last}" if most else last

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from typing import TYPE_CHECKING, Final
 
 from ipmclab.fit.in_brief import IMPOSSIBLE, NOT_ALLOWED, NOT_DESCRIBED, consequences_silent, is_aside
-from ipmclab.fit.rows import KNOWN, size_in_words
+from ipmclab.fit.rows import KNOWN, listed, size_in_words
 from ipmclab.units import CHANNELS, significant
 
 if TYPE_CHECKING:
@@ -43,13 +43,11 @@ def verdict(fit: Fit, missed: Collection[str] = ()) -> str:
     if refused:
         return f"{REFUSED}: {refused}."
     worst, followed = _followed(fit, outputs)
-    what = _listed(CHANNELS[name].name for name in outputs)
+    what = listed(CHANNELS[name].name for name in outputs)
     use = f"This fit can be used to predict the {what}"
     lost = [CHANNELS[name].name for name in outputs if name in missed]
     if lost:
-        use = (
-            f"This fit follows the {what} of its own runs, but does not predict the {_listed(lost)} of every other run"
-        )
+        use = f"This fit follows the {what} of its own runs, but does not predict the {listed(lost)} of every other run"
     elif (worst is not None and worst > _ROUGH) or any(one.code in IMPOSSIBLE for one in fit.findings):
         use = f"This fit predicts the {what} only roughly"
     if not lost and hardly_determined(fit):
@@ -96,7 +94,7 @@ def _why_not(fit: Fit, outputs: Sequence[str]) -> str:
         return "the model's series resistance does not allow the measured current"
     if wrong:
         which = sorted({CHANNELS[one.channel].name for one in wrong if one.channel in CHANNELS})
-        of = f" of the {_listed(which)}" if which else ""
+        of = f" of the {listed(which)}" if which else ""
         return f"the record{of} is wrong, as the first finding says{f', and {lost}' if lost else ''}"
     return lost
 
@@ -174,8 +172,3 @@ def _size(fit: Fit, label: str, output: str, percent: float | None) -> str:
 def lacks_something(fit: Fit) -> bool:
     """Whether a warning says that the model lacks something."""
     return any(finding.code in _DOUBTS and finding.severity != "info" for finding in fit.findings)
-
-
-def _listed(items: Iterable[str]) -> str:
-    *most, last = list(items) or [""]
-    return f"{', '.join(most)} and {last}" if most else last

@@ -10,8 +10,8 @@ from os.path import exists, isfile  # False, where those of Path raise for a nam
 from pathlib import Path
 from typing import Any, Final
 
-from ipmclab.destination import replacing
-from ipmclab.errors import InputError, suggest
+from ipmclab.destination import write_text
+from ipmclab.errors import InputError, missing_key, suggest, unknown_name
 from ipmclab.kinds import tell_kinds
 from ipmclab.model import geometry
 from ipmclab.model.actuator import Actuator
@@ -22,7 +22,7 @@ from ipmclab.model.structure import Structure
 from ipmclab.model.variants import with_stages
 from ipmclab.sample import Sample
 from ipmclab.toml_file import parse_table, read_text
-from ipmclab.units import Quantity, format_quantity, parse_quantity
+from ipmclab.units import Quantity, parse_quantity, readable_quantity
 
 _LIBRARY: Final = resources.files("ipmclab.model") / "library"
 _OTHER_KEYS: Final = ("name", "sample", "fit")
@@ -147,9 +147,7 @@ def actuator_from_text(text: str, *, where: str = "actuator") -> Actuator:
     for key in document:
         if key not in (*tables, *_OTHER_KEYS):
             known = (*tables, *_OTHER_KEYS)
-            raise InputError(
-                f"unknown key {key!r}", code="unknown-key", where=f"{where}: {key}", repair=suggest(key, known)
-            )
+            raise unknown_name("key", key, known, where=f"{where}: {key}")
     name, sample, fit = document.get("name"), document.get("sample"), document.get("fit")
     if not isinstance(name, str) or not name:
         raise InputError(
@@ -177,16 +175,12 @@ def _read_parameters(tables: Mapping[str, Any], where: str) -> tuple[dict[str, f
     try:
         known = Structure.of(given).declarations
     except InputError as error:
-        raise InputError(
-            error.message, code=error.code, where=f"{where}: {error.where}", repair=error.repair
-        ) from error
+        raise error.at(f"{where}: {error.where}") from error
     for name in given:
         if name not in known:
             parent = name.rpartition(".")[0]
             siblings = [other for other in known if other.rpartition(".")[0] == parent] or list(known)
-            raise InputError(
-                f"unknown key {name!r}", code="unknown-key", where=f"{where}: {name}", repair=suggest(name, siblings)
-            )
+            raise unknown_name("key", name, siblings, where=f"{where}: {name}")
     values: dict[str, float] = {}
     uncertainties: dict[str, float] = {}
     for name, declaration in known.items():
@@ -194,12 +188,7 @@ def _read_parameters(tables: Mapping[str, Any], where: str) -> tuple[dict[str, f
         if name not in given:
             if declaration.default is None:
                 unit = declaration.quantity.display_unit
-                raise InputError(
-                    "this key is missing",
-                    code="missing-key",
-                    where=place,
-                    repair=f'add {name.rpartition(".")[2]} = "... {unit}" ({declaration.symbol})',
-                )
+                raise missing_key(place, f'add {name.rpartition(".")[2]} = "... {unit}" ({declaration.symbol})')
             continue
         raw = given[name]
         if isinstance(raw, dict):
@@ -227,11 +216,9 @@ def _flatten(value: Any, prefix: str) -> Iterator[tuple[str, Any]]:
 def _read_uncertain(table: dict[str, Any], declaration: Declaration, place: str) -> tuple[Any, float]:
     for key in table:
         if key not in _UNCERTAIN_KEYS:
-            raise InputError(
-                f"unknown key {key!r}", code="unknown-key", where=f"{place}.{key}", repair=suggest(key, _UNCERTAIN_KEYS)
-            )
+            raise unknown_name("key", key, _UNCERTAIN_KEYS, where=f"{place}.{key}")
     if "value" not in table:
-        raise InputError("this key is missing", code="missing-key", where=f"{place}.value", repair="add value = ...")
+        raise missing_key(f"{place}.value", "add value = ...")
     if "standard_uncertainty" not in table:
         return table["value"], 0.0
     uncertainty_place = f"{place}.standard_uncertainty"
@@ -278,9 +265,7 @@ def write_actuator(actuator: Actuator, path: str | Path, *, overwrite: bool = Fa
     IpmclabError
         The system refuses to write there.
     """
-    text = actuator_to_text(actuator)
-    with replacing(path, overwrite=overwrite) as temporary:
-        temporary.write_text(text, encoding="utf-8", newline="\n")
+    write_text(actuator_to_text(actuator), path, overwrite=overwrite)
 
 
 def actuator_to_text(actuator: Actuator) -> str:
@@ -331,6 +316,4 @@ def _number_text(value: float, quantity: Quantity) -> str:
     """The number as TOML: in the unit that people read where that gives the same float, else in SI."""
     if not quantity.unit:
         return repr(value)
-    readable = f"{quantity.to_display(value):.15g} {quantity.display_unit}"
-    same = parse_quantity(readable, quantity, where="") == value
-    return f'"{readable if same else format_quantity(value, quantity)}"'
+    return f'"{readable_quantity(value, quantity)}"'

@@ -219,5 +219,5 @@ def _voltages(signals: Signals, record: Record) -> FloatArray:
             found[k] = voltage_of(one, record.time, record.duration, record.rate)[0]
         except InputError as error:
             where = f"signals[{k}]" + (f".{error.where}" if error.where else "")
-            raise InputError(error.message, code=error.code, where=where, repair=error.repair) from None
+            raise error.at(where) from None
     return found

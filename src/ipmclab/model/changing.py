@@ -150,16 +150,16 @@ def _kept_pieces(
         zero = min(0.0, begin)
         water = water_course(actuator.parameter_values, history, end - zero, start=history.start, begin=zero)
         path = path_of(actuator.parameter_values, water, begin, end)
-        grid, found = path.grid(actuator.parameter_values), []
-        for values in values_at(actuator.parameter_values, grid):
-            blocks = actuator.blocks(values)
-            scale = charged([name for block in blocks for name in block.states], values, actuator.parameter_values)
-            own = numbers_at(blocks, scale, period, hold)
-            if own is None:
-                return None
-            found.append(own)
+        grid = path.grid(actuator.parameter_values)
+        there = values_at(actuator.parameter_values, grid)
+        systems = [actuator.blocks(values) for values in there]
+        states = [name for block in systems[0] for name in block.states]
+        scales = np.array([charged(states, values, actuator.parameter_values) for values in there])
+        numbers = numbers_at(systems, scales, period, hold)
+        if numbers is None:
+            return None
         _, first, weights = pieces_along(path, water, grid, times + 0.5 * period)
-        pieces = pieces_between(np.array(found), weights, np.append(first, len(times)))
+        pieces = pieces_between(numbers, weights, np.append(first, len(times)))
         return None if pieces is None else (pieces, water)
 
     return actuator.keep(("changing", begin, len(times), period, hold, history.key), made)

@@ -231,7 +231,7 @@ def _regular(actuator: Actuator, period: float, chosen: Sequence[int]) -> Regula
 
     def made() -> Regular:
         seen = seen_states([system], chosen)
-        return Regular(Dense.of(reduced(system, chosen, seen), [period]), len(seen))
+        return Regular(reduced(system, chosen, seen), period)
 
     return actuator.keep(("regular", period, *chosen), made)
 

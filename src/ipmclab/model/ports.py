@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final
 
-from ipmclab.errors import InputError, suggest
+from ipmclab.errors import InputError, unknown_name
 
 INPUTS: Final = ("voltage", "external_force")
 """What drives a strip from outside: the voltage [V], and a force on it at the sensing point [N], positive as the
@@ -30,9 +30,7 @@ def choose_outputs(outputs: Sequence[str] | None) -> list[int]:
         return list(range(len(OUTPUTS)))
     for name in outputs:
         if name not in OUTPUTS:
-            raise InputError(
-                f"unknown output {name!r}", code="unknown-output", where="outputs", repair=suggest(name, OUTPUTS)
-            )
+            raise unknown_name("output", name, OUTPUTS, where="outputs")
     return [OUTPUTS.index(name) for name in outputs]
 
 
@@ -58,7 +56,5 @@ def left_at_rest(inputs: Sequence[str]) -> tuple[str, ...]:
         )
     for name in inputs:
         if name not in INPUTS:
-            raise InputError(
-                f"unknown input {name!r}", code="unknown-input", where="inputs", repair=suggest(name, INPUTS)
-            )
+            raise unknown_name("input", name, INPUTS, where="inputs")
     return tuple(name for name in INPUTS if name not in inputs)

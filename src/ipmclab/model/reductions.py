@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.errors import InputError, suggest
+from ipmclab.errors import InputError, unknown_name
 from ipmclab.model.ports import OUTPUTS
 from ipmclab.units import CHANNELS, TIME, Quantity
 
@@ -92,9 +92,7 @@ class Reduced:
         known = [f"{output}.{name}" for output in OUTPUTS for name in REDUCTIONS]
         for name in names:
             if name not in known:
-                raise InputError(
-                    f"unknown metric {name!r}", code="unknown-metric", where="reduce", repair=suggest(name, known)
-                )
+                raise unknown_name("metric", name, known, where="reduce")
         if not names or len(set(names)) < len(names):
             raise InputError(
                 f"the metrics are {', '.join(names) or 'none'}",

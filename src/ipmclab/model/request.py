@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.errors import InputError, suggest
+from ipmclab.errors import InputError, unknown_name
 from ipmclab.run import Run, check_time
 from ipmclab.units import FREQUENCY, TIME, parse_quantity
 
@@ -54,7 +54,7 @@ def check_hold(hold: str) -> None:
             where="hold",
             repair=f"choose one of {', '.join(KNOWN_HOLDS)}; identify estimates the delay of its edges instead",
         )
-    raise InputError(f"unknown hold {hold!r}", code="unknown-hold", where="hold", repair=suggest(hold, KNOWN_HOLDS))
+    raise unknown_name("hold", hold, KNOWN_HOLDS, where="hold")
 
 
 def checked_voltage(voltage: npt.ArrayLike, rows: int) -> FloatArray:
@@ -146,9 +146,7 @@ def state_vector(names: Sequence[str], state: Mapping[str, float] | npt.ArrayLik
     if isinstance(state, Mapping):
         for name in state:
             if name not in names:
-                raise InputError(
-                    f"unknown state {name!r}", code="unknown-state", where="initial_state", repair=suggest(name, names)
-                )
+                raise unknown_name("state", name, names, where="initial_state")
     given: Any = [state.get(name, 0.0) for name in names] if isinstance(state, Mapping) else state
     try:
         vector = np.array(given, dtype=np.float64)

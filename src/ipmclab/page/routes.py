@@ -159,7 +159,7 @@ def _simulation(workshop: Workshop, given: Mapping[str, Any]) -> dict[str, Any]:
             for name in files_of(signal):
                 workshop.lab.path(name)  # no samples from elsewhere
         except InputError as error:
-            raise InputError(error.message, code=error.code, where="signal", repair=error.repair) from error
+            raise error.at("signal") from error
         arguments |= {
             "signal": signal,
             "folder": str(workshop.lab.root),

@@ -284,8 +284,15 @@ class Workshop:
 
     def models(self) -> dict[str, str]:
         """What can predict: fits of this session by their keys, then actuators; and what each is called."""
+        return self._with_session([*self.own_actuators(), *self.library()])
+
+    def every_fit(self) -> dict[str, str]:
+        """Fits of this session by their keys, then files of fits; and what each is called."""
+        return self._with_session(self.fitted_files())
+
+    def _with_session(self, files: list[str]) -> dict[str, str]:
         fits = {card.key: card.asked.name for card in reversed(self.fits) if card.frame is not None}
-        return {**fits, **{name: name for name in [*self.own_actuators(), *self.library()]}}
+        return {**fits, **{name: name for name in files}}
 
     def fit(self, key: str) -> FitCard | None:
         """A fit of this session, by its key or its name: of a name, one that came to something where there is one."""

@@ -9,7 +9,7 @@ from dataclasses import replace
 from typing import Final, get_args
 
 from ipmclab.confidence import NORMAL_95
-from ipmclab.errors import InputError, suggest
+from ipmclab.errors import InputError, unknown_name
 from ipmclab.fit.as_fitted import need_as_fitted
 from ipmclab.fit.fit import DETERMINED, Fit
 from ipmclab.identification.problem.unknowns import Unknown
@@ -294,9 +294,7 @@ def check_asked(fit: Fit, goal: str, minutes: float) -> None:
             repair="identify with free parameters that all runs share",
         )
     if goal not in get_args(GoalName):
-        raise InputError(
-            f"unknown goal {goal!r}", code="unknown-goal", where="goal", repair=suggest(goal, get_args(GoalName))
-        )
+        raise unknown_name("goal", goal, get_args(GoalName), where="goal")
     if not (math.isfinite(minutes) and minutes > 0.0):
         raise InputError(
             f"the time is {minutes:g} min, it must be above 0",

@@ -8,9 +8,10 @@ from pathlib import Path
 from typing import Final
 
 from ipmclab.errors import InputError
-from ipmclab.fit.as_fitted import listed, why_changed
+from ipmclab.fit.as_fitted import why_changed
 from ipmclab.fit.fit import Fit
 from ipmclab.fit.fit_file import fit_of
+from ipmclab.fit.rows import listed
 from ipmclab.identification.mountings.mountings import why_unknown
 from ipmclab.identification.problem.record import READ_OUTPUTS
 from ipmclab.model import Actuator

@@ -10,8 +10,8 @@ import numpy.typing as npt
 
 from ipmclab.confidence import NORMAL_95
 from ipmclab.fit.ages import rates_of
-from ipmclab.fit.as_fitted import listed
 from ipmclab.fit.fit import Fit
+from ipmclab.fit.rows import listed
 from ipmclab.fit.unmodelled import LEVEL
 from ipmclab.identification.problem.free_run import seen_from_sensor
 from ipmclab.identification.problem.record import PreparedRun, model_hold
@@ -131,12 +131,19 @@ def another_mounting(fit: Fit, run: Run, label: str) -> list[Finding]:
     ]
 
 
-def longer_than_fit(fit: Fit, run: Run, label: str) -> list[Finding]:
-    """That a new run is longer under voltage than every run of the fit, so that nothing showed what comes last."""
-    seen = max((one.seen for output, one in fit.unmodelled.items() if output in run.channels), default=0.0)
+def beyond_fit(fit: Fit, run: Run, label: str) -> list[Finding]:
+    """What of a new run no run of the fit showed: how long it lasts under voltage, and at which voltages it is."""
     resting = rest_rows(run)
-    lasts = float(run.time[-1] - run.time[resting]) if resting < len(run) else 0.0
-    if not 0.0 < _LONGER * seen < lasts or place_in(fit, run) is not None:
+    if place_in(fit, run) is not None or resting == len(run):
+        return []
+    return [*_longer_than_fit(fit, run, label, resting), *_other_voltages(fit, run, label, resting)]
+
+
+def _longer_than_fit(fit: Fit, run: Run, label: str, resting: int) -> list[Finding]:
+    """That a run is longer under voltage than every run of the fit, so that nothing showed what comes last."""
+    seen = max((one.seen for output, one in fit.unmodelled.items() if output in run.channels), default=0.0)
+    lasts = float(run.time[-1] - run.time[resting])
+    if not 0.0 < _LONGER * seen < lasts:
         return []
     return [
         Finding(
@@ -150,16 +157,16 @@ def longer_than_fit(fit: Fit, run: Run, label: str) -> list[Finding]:
     ]
 
 
-def other_voltages(fit: Fit, run: Run, label: str) -> list[Finding]:
-    """That a new run is at voltages which no run of the fit was at, so that nothing showed what the strip does there.
+def _other_voltages(fit: Fit, run: Run, label: str, resting: int) -> list[Finding]:
+    """That a run is at voltages which no run of the fit was at, so that nothing showed what the strip does there.
 
     A model without a leak answers in proportion, and one with a leak by its law; a fit at one voltage tests neither.
     """
     asked = [one for output, one in fit.unmodelled.items() if output in run.channels]
     levels = np.unique([0.0, *(level for one in asked for level in one.levels)])
     largest = float(np.abs(levels).max())
-    voltage = run.voltage[rest_rows(run) :]
-    if not largest > 0.0 or not len(voltage) or place_in(fit, run) is not None:
+    voltage = run.voltage[resting:]
+    if not largest > 0.0:
         return []
     nearest = levels[np.searchsorted(0.5 * (levels[1:] + levels[:-1]), voltage)]
     other = np.abs(voltage - nearest) > LEVEL * largest

@@ -31,8 +31,7 @@ from ipmclab.model.validity import validity
 from ipmclab.prediction.bands_of_run import (
     another_mounting,
     band_of_run,
-    longer_than_fit,
-    other_voltages,
+    beyond_fit,
     own_mounting,
     place_in,
 )
@@ -174,8 +173,7 @@ def validate(actuator: Actuator | Fit, runs: Sequence[Run] | Run, *, used: Itera
         if fit is not None:
             findings += own_mounting(fit, run, label)
             findings += another_mounting(fit, run, label)
-            findings += longer_than_fit(fit, run, label)
-            findings += other_voltages(fit, run, label)
+            findings += beyond_fit(fit, run, label)
         findings += [] if one.used_in_fit else environment_of_run(fit, actuator, run, label)
     findings += outside_band(done)
     pooled = {

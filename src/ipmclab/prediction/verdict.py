@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
 from ipmclab.errors import InputError
 from ipmclab.fit.fit_file import fit_of
+from ipmclab.fit.rows import listed
 from ipmclab.fit.verdict import REFUSED, verdict
 from ipmclab.model import Actuator
 from ipmclab.prediction.open_coupling import NOT_IDENTIFIED
@@ -96,14 +97,14 @@ displacement with a fit of 99.0 % and force with a fit of 99.0 %.
             ]
             if scored:
                 sentences.append(
-                    f"From its voltage alone the model {how} {_new(met)}: {_listed(scored)}"
+                    f"From its voltage alone the model {how} {_new(met)}: {listed(scored)}"
                     f"{'' if how == 'predicts' else ', where a constant has 0 %'}."
                 )
     if missed:
-        outputs_text = _listed(
+        outputs_text = listed(
             [
                 f"the {CHANNELS[output].name} of "
-                + _listed([f"{label} ({percent(fit)})" for name, label, fit in missed if name == output])
+                + listed([f"{label} ({percent(fit)})" for name, label, fit in missed if name == output])
                 for output in dict.fromkeys(name for name, *_ in missed)
             ]
         )
@@ -126,7 +127,7 @@ displacement with a fit of 99.0 % and force with a fit of 99.0 %.
     ]
     if beyond:
         sentences.append(
-            f"{_listed(beyond)} {_was(beyond)} recorded in an environment outside that of the fit: the scores are "
+            f"{listed(beyond)} {_was(beyond)} recorded in an environment outside that of the fit: the scores are "
             "those of an extrapolation."
         )
     sentences += _given_to_fit(validation.runs)
@@ -142,7 +143,7 @@ def _given_to_fit(runs: Sequence[RunValidation]) -> list[str]:
     ]
     used = [one.label for one in runs if one.used_in_fit]
     if used:
-        said.append(f"{_listed(used)} {_was(used)} used to identify it: those scores show the fit, not a prediction.")
+        said.append(f"{listed(used)} {_was(used)} used to identify it: those scores show the fit, not a prediction.")
     return said
 
 
@@ -153,7 +154,7 @@ def _causes(fresh: Sequence[RunValidation], missed: Sequence[tuple[str, str, flo
     begin = [one.label for one in fresh if one.label in names and begins_under_voltage(one)]
     said = []
     if turned:
-        which = _listed([f"the {CHANNELS[output].name} of {label}" for output, label in turned])
+        which = listed([f"the {CHANNELS[output].name} of {label}" for output, label in turned])
         said.append(
             f"{which[0].upper()}{which[1:]} {'goes' if len(turned) == 1 else 'go'} the other way than predicted, and "
             "the negative of the prediction follows: the sign of the channel is reversed, in this record or in the "
@@ -161,7 +162,7 @@ def _causes(fresh: Sequence[RunValidation], missed: Sequence[tuple[str, str, flo
         )
     if begin:
         said.append(
-            f"{_listed(begin)} {'begins' if len(begin) == 1 else 'begin'} under voltage, and the prediction from rest: "
+            f"{listed(begin)} {'begins' if len(begin) == 1 else 'begin'} under voltage, and the prediction from rest: "
             "the state at the start is not known, and the beginning cannot be predicted."
         )
     judged = {one[:2] for one in missed}
@@ -188,12 +189,12 @@ def _of_the_strip(missed: Sequence[RunValidation], *, elsewhere: bool, grows: bo
     said = []
     if rising:
         said.append(
-            f"The current of {_listed(rising)} rises at constant voltage: the strip or its contact changes over the "
+            f"The current of {listed(rising)} rises at constant voltage: the strip or its contact changes over the "
             f"record, {'more than the growing leak of this model' if grows else _GROWS}."
         )
     if same:
         said.append(
-            f"{_listed(same)} {'shares' if len(same) == 1 else 'share'} rows with the runs of the fit, so the strip is "
+            f"{listed(same)} {'shares' if len(same) == 1 else 'share'} rows with the runs of the fit, so the strip is "
             "the same: it or a sensor changed as the record went on, or the model holds only for the voltages and the "
             "duration of its own runs."
         )
@@ -223,8 +224,3 @@ def _new(runs: Sequence[RunValidation]) -> str:
 
 def _was(names: Sequence[str]) -> str:
     return "was" if len(names) == 1 else "were"
-
-
-def _listed(items: Iterable[str]) -> str:
-    *most, last = list(items) or [""]
-    return f"{', '.join(most)} and {last}" if most else last

@@ -6,7 +6,7 @@ import re
 from typing import Any, Final
 
 from ipmclab.consistency.known import ASSUMED
-from ipmclab.errors import InputError, suggest
+from ipmclab.errors import InputError, unknown_name
 from ipmclab.measurement.uncertain import Uncertain, mean_of
 from ipmclab.measurement.written import Written, scatter_of
 from ipmclab.units import Quantity, parse_quantity
@@ -74,9 +74,7 @@ def read_hand(
     if isinstance(raw, dict):
         for key in raw:
             if key not in _KEYS:
-                raise InputError(
-                    f"unknown key {key!r}", code="unknown-key", where=f"{where}.{key}", repair=suggest(key, _KEYS)
-                )
+                raise unknown_name("key", key, _KEYS, where=f"{where}.{key}")
         if ("value" in raw) == ("readings" in raw):
             raise InputError(
                 "it needs either a value or readings",

@@ -9,7 +9,7 @@ from typing import Any, Final, TypeVar
 
 import numpy as np
 
-from ipmclab.errors import InputError
+from ipmclab.errors import InputError, missing_key
 from ipmclab.kinds import tell_kinds
 from ipmclab.measurement.push import USUAL_SCALES, Push
 from ipmclab.measurement.uncertain import Uncertain, exact
@@ -281,11 +281,8 @@ def _sheet(table: SheetTable, reader: _Reader) -> FourProbes | Uncertain:
 
     def of_readings() -> FourProbes | Uncertain:
         if table.spacing is None:
-            raise InputError(
-                "this key is missing",
-                code="missing-key",
-                where=reader.at("sheet_resistance.spacing"),
-                repair='add spacing = "10 mm", from one inner contact to the other',
+            raise missing_key(
+                reader.at("sheet_resistance.spacing"), 'add spacing = "10 mm", from one inner contact to the other'
             )
         zero = None
         if table.zero is not None:
@@ -379,12 +376,7 @@ def _modulus(table: ModulusTable, reader: _Reader) -> Push | Uncertain:
     columns: list[Written] = []
     for key, texts, quantity in (("displacement", table.displacement, DISPLACEMENT), ("force", table.force, FORCE)):
         if texts is None:
-            raise InputError(
-                "this key is missing",
-                code="missing-key",
-                where=reader.at(f"modulus.{key}"),
-                repair=f'add {key} = ["0 {quantity.display_unit}", ...]',
-            )
+            raise missing_key(reader.at(f"modulus.{key}"), f'add {key} = ["0 {quantity.display_unit}", ...]')
         where = reader.at(f"modulus.{key}")
         values = [parse_quantity(text, quantity, where=f"{where}[{place}]") for place, text in enumerate(texts)]
         columns.append(Written(where, tuple(texts), tuple(values)))

@@ -16,11 +16,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 from urllib.parse import quote
 
+from ipmclab.checksum import file_checksum
 from ipmclab.destination import keep_what_is_read, replacing, target_of
 from ipmclab.errors import InputError
 from ipmclab.extras import package
 from ipmclab.kinds import tell_kinds
-from ipmclab.publication.inventory import CHECKSUMS, Item, RunFacts, checksum, inventory
+from ipmclab.publication.inventory import CHECKSUMS, Item, RunFacts, inventory
 from ipmclab.publication.licences import licence_of
 from ipmclab.publication.tables import ABOUT, tables
 from ipmclab.sample import Sample
@@ -151,7 +152,7 @@ def _with_tables(items: Sequence[Item], place: Path) -> list[Item]:
         path = place / name
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text, encoding="utf-8", newline="")
-        if name in taken and checksum(taken[name].path) != checksum(path):
+        if name in taken and file_checksum(taken[name].path) != file_checksum(path):
             raise InputError(
                 "this table is not that of the runs in its folder, and one of these runs is inside a crate in that "
                 "folder",
@@ -160,7 +161,7 @@ def _with_tables(items: Sequence[Item], place: Path) -> list[Item]:
                 repair="move it away, or give it another name",
             )
         if name not in taken:
-            found.append(Item(path, name, path.stat().st_size, checksum(path)))
+            found.append(Item(path, name, path.stat().st_size, file_checksum(path)))
     return found
 
 

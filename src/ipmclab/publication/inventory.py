@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
 import re
 from collections.abc import Iterator
@@ -10,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from ipmclab.checksum import file_checksum
 from ipmclab.errors import InputError, IpmclabError
 from ipmclab.fit.fit import Fit
 from ipmclab.fit.fit_file import read_fit
@@ -41,7 +41,6 @@ CHECKSUMS: Final = "manifest-sha256.txt"
 """Checksums of every file of a crate as ``sha256sum -c`` reads them."""
 
 _OF_A_CRATE: Final = ("ro-crate-metadata.json", "ro-crate-preview.html", CHECKSUMS)
-_PIECE: Final = 1 << 20
 _ODD: Final = re.compile(r"[\x00-\x1f\x7f\\\ud800-\udfff]")
 """What no name has everywhere: control characters, a backslash, bytes that are no text."""
 
@@ -138,15 +137,6 @@ def inventory(folder: Path) -> tuple[Item, ...]:
     return found
 
 
-def checksum(path: Path) -> str:
-    """SHA-256 of a file."""
-    made = hashlib.sha256()
-    with path.open("rb") as stream:
-        while piece := stream.read(_PIECE):
-            made.update(piece)
-    return made.hexdigest()
-
-
 def _files(folder: Path) -> Iterator[Path]:
     for place, folders, names in os.walk(folder):
         folders[:] = sorted(name for name in folders if not name.startswith("."))
@@ -166,4 +156,4 @@ def _item(path: Path, name: str) -> Item:
             fit = read_fit(path)
     except IpmclabError:  # no fit, a file of another program, or of an earlier version: it is taken along as it is
         pass
-    return Item(path, name, path.stat().st_size, checksum(path), run, fit)
+    return Item(path, name, path.stat().st_size, file_checksum(path), run, fit)

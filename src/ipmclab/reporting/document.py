@@ -16,6 +16,7 @@ from markupsafe import Markup, escape
 from ipmclab.errors import InputError
 from ipmclab.fit.answer import known_title
 from ipmclab.fit.in_brief import most_important_first
+from ipmclab.fit.rows import listed
 from ipmclab.fit.verdict import lacks_something
 from ipmclab.kinds import tell_kinds
 from ipmclab.model.validity import CODES as VALIDITY_CODES
@@ -31,7 +32,7 @@ from ipmclab.reporting.figures.frequency import frequency_figure
 from ipmclab.reporting.figures.prediction import prediction_figure
 from ipmclab.reporting.figures.residuals import autocorrelation_figure
 from ipmclab.reporting.figures.shape import shape_figure
-from ipmclab.reporting.fit_verdict import listed, verdict
+from ipmclab.reporting.fit_verdict import verdict
 from ipmclab.reporting.many_runs import many_runs_part
 from ipmclab.reporting.micrographs import micrographs
 from ipmclab.reporting.page_file import render, write_page

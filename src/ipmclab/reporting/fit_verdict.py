@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
+from ipmclab.fit.rows import listed
 from ipmclab.fit.verdict import REFUSED
 from ipmclab.fit.verdict import verdict as verdict_of
 from ipmclab.prediction.remarks import averages
@@ -85,8 +86,3 @@ def _holding(fit: Fit) -> Iterator[str]:
                 else f"The {finding.channel} relaxes back by as much as the coupling gives, or more: integral action "
                 "cannot hold a set point of it."
             )
-
-
-def listed(items: Iterable[str]) -> str:
-    *most, last = list(items) or [""]
-    return f"{', '.join(most)} and {last}" if most else last

@@ -7,6 +7,7 @@ import io
 import math
 from typing import TYPE_CHECKING, Any
 
+from ipmclab.fit.rows import listed
 from ipmclab.identification.undetermined.practical import COLLINEAR
 from ipmclab.refitting.profiles import WHY_NOT_PROFILE, flat_within
 from ipmclab.reporting.figures.profiles import profiles_figure
@@ -62,11 +63,10 @@ def _collinear(fit: Fit) -> str:
     worst = next((one for one in fit.practical.sets if one.index >= COLLINEAR), None) if fit.practical else None
     if worst is None:
         return ""
-    *most, last = worst.names
-    listed = f"{', '.join(most)} and {last}"
+    together = listed(worst.names)
     if math.isinf(worst.index):
-        return f"{listed} are collinear: these runs show only a combination of them."
+        return f"{together} are collinear: these runs show only a combination of them."
     return (
-        f"{listed} are nearly collinear: the others make up for a change of one to one part in "
+        f"{together} are nearly collinear: the others make up for a change of one to one part in "
         f"{worst.index:.2g} (collinearity index)."
     )

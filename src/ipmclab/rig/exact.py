@@ -21,7 +21,7 @@ _TICKS_PER_SECOND: Final = 64 * 80_000_000
 TICK: Final = 1.0 / _TICKS_PER_SECOND
 """The unit of time [s], 0.2 ns: a 64th of that of a chassis (80 MHz), whose intervals are therefore whole numbers."""
 
-_RUNGS: Final = 56  # of the ladder: intervals up to 2^56 ticks, five months
+_MOST: Final = 2.0**56  # ticks, five months: after them at one voltage nothing moves any more
 _KEPT: Final = 512  # transitions that are kept: a few of each rate
 _LONGEST: Final = _TICKS_PER_SECOND // 50  # the longest interval for laws, as ``model.dense.LONGEST``
 _EQUAL: Final = 500  # pieces up to which they are equal
@@ -35,8 +35,6 @@ def to_ticks(times: npt.ArrayLike) -> TickArray:
 class ExactSystem:
     """A system with its state, whose input is constant within each interval.
 
-    A matrix exponential for each interval would cost milliseconds where a program sets and reads once. Those of
-    1, 2, 4, 8... ticks are computed once instead, and the transition over any interval is a product of some of them.
     Where there are laws, such as a leak's, long intervals are divided as ``simulate`` divides them.
 
     Parameters
@@ -47,25 +45,10 @@ class ExactSystem:
     """
 
     def __init__(self, system: System, state: FloatArray | None = None) -> None:
-        from ipmclab.model.numerics.discretise import transitions
-
-        n = len(system.states)
         self._system = system
-        self.state = np.zeros(n) if state is None else np.array(state, dtype=np.float64)
-        lengths = 2.0 ** np.arange(_RUNGS) / _TICKS_PER_SECOND
-        steps = transitions([system], lengths)
-        m = steps.law_end.shape[-1]
-        # The state with what drives it as more components: the input and what the laws give, which stay as they are,
-        # and the rates of the laws, by which those grow.
-        self._ladder = np.tile(np.eye(n + 1 + 2 * m), (_RUNGS, 1, 1))
-        laws, rates = slice(n + 1, n + 1 + m), slice(n + 1 + m, None)
-        self._ladder[:, :n, :n] = steps.state[0]
-        self._ladder[:, :n, n : n + 1] = steps.constant[0]
-        self._ladder[:, :n, laws] = steps.law_begin[0] + steps.law_end[0]
-        self._ladder[:, :n, rates] = steps.law_end[0] * lengths[:, None, None]
-        self._ladder[:, laws, rates] = lengths[:, None, None] * np.eye(m)
-        self._kept: dict[int, FloatArray] = {}
+        self.state = np.zeros(len(system.states)) if state is None else np.array(state, dtype=np.float64)
         self._dense: dict[tuple[int, ...], Dense] = {}
+        self._over((1,))  # what computes is loaded now, and not while a bench waits for its first row
 
     def advance(self, intervals: TickArray, inputs: FloatArray) -> FloatArray:
         """The outputs at the end of each interval, just before the input changes.
@@ -104,29 +87,9 @@ class ExactSystem:
 
             if len(self._dense) >= _KEPT:
                 self._dense.clear()
-            n, ports = len(self.state), self._system.law_ports
-            laws = 0 if ports is None else len(ports.laws)
-            moves = np.array([self._transition(length) for length in lengths])
-            held, grown = moves[:, :n, n + 1 : n + 1 + laws], moves[:, :n, n + 1 + laws :]
-            ramped = grown / np.maximum(np.array(lengths) * TICK, TICK)[:, None, None]
-            constant = moves[:, :n, n : n + 1]
-            # Within an interval the input has no slope.
-            step = [constant, np.zeros_like(constant), moves[:, :n, :n], held - ramped, ramped]
-            self._dense[lengths] = Dense(self._system, np.concatenate(step, axis=-1))
+            durations = np.minimum(np.array(lengths, dtype=np.float64), _MOST) / _TICKS_PER_SECOND
+            self._dense[lengths] = Dense.of(self._system, durations)
         return self._dense[lengths]
-
-    def _transition(self, ticks: int) -> FloatArray:
-        """What an interval does to state and input together."""
-        if ticks not in self._kept:
-            if len(self._kept) >= _KEPT:
-                self._kept.clear()
-            length = min(ticks, 2**_RUNGS - 1)  # after months at one voltage nothing moves any more
-            move = np.eye(self._ladder.shape[1])
-            for rung in range(length.bit_length()):
-                if length >> rung & 1:
-                    move = self._ladder[rung] @ move
-            self._kept[ticks] = move
-        return self._kept[ticks]
 
 
 def _kinds(intervals: TickArray) -> tuple[tuple[int, ...], TickArray]:

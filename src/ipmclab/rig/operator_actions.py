@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Final
 
-from ipmclab.errors import InputError, suggest
+from ipmclab.errors import unknown_name
 from ipmclab.rig.plant import StripPlant
 from ipmclab.units import RELATIVE_HUMIDITY, TEMPERATURE, parse_quantity
 
@@ -67,4 +67,4 @@ def carry_out(plant: StripPlant, words: str) -> None:
     elif what == "humidity":
         plant.set_chamber(relative_humidity=parse_quantity(setting, RELATIVE_HUMIDITY, where=what))
     else:
-        raise InputError(f"unknown words {known!r}", code="unknown-words", where="hands", repair=suggest(known, WORDS))
+        raise unknown_name("words", known, WORDS, where="hands")

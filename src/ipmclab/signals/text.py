@@ -287,7 +287,7 @@ def _read_samples(reader: _Reader) -> Samples:
 
 def _pointed(error: InputError, reader: _Reader, *, keep: bool = False) -> InputError:
     where = f"{reader.place()}, {error.where}" if keep and error.where else reader.place()
-    return InputError(error.message, code=error.code, where=where, repair=error.repair)
+    return error.at(where)
 
 
 def _about_unexpected(word: str, signal: Signal) -> str:

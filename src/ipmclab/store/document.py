@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 import numpy.typing as npt
 
-from ipmclab.errors import InputError, IpmclabError, suggest
+from ipmclab.errors import InputError, IpmclabError, unknown_name
 from ipmclab.run import QUALITY_FLAGS, Finding, Hold, Mark, Run, RunMetadata, ZeroReading
 from ipmclab.sample import Sample
 from ipmclab.units import (
@@ -283,4 +283,4 @@ def _refuse_unknown_keys(table: Any, kind: type[Any], where: str) -> None:
     known = list(kind.__dataclass_fields__)
     for key in table if isinstance(table, dict) else ():
         if key not in known:
-            raise InputError(f"unknown key {key!r}", code="unknown-key", where=where, repair=suggest(key, known))
+            raise unknown_name("key", key, known, where=where)

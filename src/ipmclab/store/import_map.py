@@ -10,7 +10,7 @@ from typing import Annotated, Any, Final, Literal
 
 from pydantic import AfterValidator, Field, ValidationError, field_validator, model_validator
 
-from ipmclab.errors import InputError, suggest
+from ipmclab.errors import InputError, unknown_name
 from ipmclab.run import Hold, RunMetadata
 from ipmclab.sample import Sample
 from ipmclab.store.document import METADATA_QUANTITIES, parse_metadata
@@ -154,9 +154,7 @@ class ImportMap(Strict):
     def _name_channels(cls, channels: Any) -> Any:
         for name in channels if isinstance(channels, dict) else ():
             if name not in MAPPED:
-                raise InputError(
-                    f"unknown channel {name!r}", code="unknown-channel", where=name, repair=suggest(name, MAPPED)
-                )
+                raise unknown_name("channel", name, MAPPED, where=name)
         return channels
 
     @model_validator(mode="after")
@@ -215,7 +213,7 @@ class ImportMap(Strict):
         for key, value in table.items():
             where = f"metadata.{key}"
             if key not in known:
-                raise InputError(f"unknown key {key!r}", code="unknown-key", where=where, repair=suggest(key, known))
+                raise unknown_name("key", key, known, where=where)
             quantity = TIME if key.startswith("minutes_") else METADATA_QUANTITIES.get(key)
             if quantity is None:
                 continue

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Final, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from ipmclab.errors import InputError, suggest
+from ipmclab.errors import InputError, missing_key, suggest, unknown_name
 
 Pair = Annotated[tuple[float, float], Field(strict=False)]
 """Two numbers, written ``[low, high]``."""
@@ -27,9 +27,7 @@ class Strict(BaseModel):
     def _refuse_unknown_keys(cls, table: Any) -> Any:
         for key in table if isinstance(table, dict) else ():
             if key not in cls.model_fields:
-                raise InputError(
-                    f"unknown key {key!r}", code="unknown-key", where=str(key), repair=suggest(key, cls.model_fields)
-                )
+                raise unknown_name("key", key, cls.model_fields, where=str(key))
         return table
 
 
@@ -73,9 +71,7 @@ def validated(model: type[Table], document: Any, *, where: str) -> Table:
     except ValidationError as error:
         raise as_input_error(error, document, where=f"{where}: ") from error
     except InputError as error:
-        raise InputError(
-            error.message, code=error.code, where=f"{where}: {error.where}", repair=error.repair
-        ) from error
+        raise error.at(f"{where}: {error.where}") from error
 
 
 def as_input_error(error: ValidationError, table: Any, *, where: str) -> InputError:
@@ -95,12 +91,12 @@ def as_input_error(error: ValidationError, table: Any, *, where: str) -> InputEr
     cause = context.get("error")
     if isinstance(cause, InputError):
         inside = f"{path}.{cause.where}".strip(".")
-        return InputError(cause.message, code=cause.code, where=where + inside, repair=cause.repair)
+        return cause.at(where + inside)
     if kind == "union_tag_not_found":
         return _no_format(given, where + path)
     place = (where + path).rstrip(": .")
     if kind == "missing":
-        return InputError("this key is missing", code="missing-key", where=place, repair="add it")
+        return missing_key(place, "add it")
     shown = repr(given) if len(repr(given)) <= 60 else repr(given)[:57] + "..."
     if kind == "union_tag_invalid":
         names = re.findall("'([^']*)'", context["expected_tags"])

@@ -131,7 +131,7 @@ def sweep_from_text(text: str, *, where: str = "sweep", folder: Path | None = No
         return _sweep(table, place)
     except InputError as error:
         at = f"{where}: {error.where}" if error.where and not error.where.startswith(where) else error.where or where
-        raise InputError(error.message, code=error.code, where=at, repair=error.repair) from error
+        raise error.at(at) from error
 
 
 def _by_name(table: Mapping[str, Any], *, where: str) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from typing import Final
 
 import numpy as np
 
-from ipmclab.fit.as_fitted import listed
+from ipmclab.fit.rows import listed
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.search.solve import Solution
 from ipmclab.model.environment.age import AGE

@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 
 from ipmclab.confidence import NORMAL_95
-from ipmclab.fit.as_fitted import listed
+from ipmclab.fit.rows import listed
 from ipmclab.identification.noise.pieces import directions_of
 from ipmclab.identification.noise.zeros import LARGEST_ZERO
 from ipmclab.identification.problem.problem import Problem

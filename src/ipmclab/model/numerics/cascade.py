@@ -106,14 +106,14 @@ class Wiring:
         period : float [s]
         hold : "zero", "zero-before" or "first"
         """
-        found = np.empty(13 * self.sections + 4)
+        found = np.empty(self._count())
         own = self.numbers, self.sections, self.ports
         return found if _loop()(entries, *own, NEARLY_MEET, period, HOLDS[hold], self._room(), found) else None
 
     def coefficients(self, entries: FloatArray, period: float, hold: Hold) -> FloatArray | None:
         """The numbers of ``kernels.modal``; None where these modes do not fit it. Parameters as ``sections_over``."""
         found = None if self.sections != SECTIONS else self.sections_over(entries, period, hold)
-        return None if found is None or any(found[_NOT_READ].tolist()) else found[_OF_THREE]
+        return None if found is None else of_three(found)
 
     def sections_of_many(
         self, entries: FloatArray, period: float, hold: Hold
@@ -121,13 +121,25 @@ class Wiring:
         """``sections_over`` of many parameter sets, that axis first, and which of them have these numbers."""
         from ipmclab.model.numerics import kernels
 
-        numbers, found = np.zeros((len(entries), 13 * self.sections + 4)), np.empty(len(entries), dtype=bool)
+        numbers, found = np.zeros((len(entries), self._count())), np.empty(len(entries), dtype=bool)
         own = self.numbers, self.sections, self.ports
         kernels.cascades(entries, *own, NEARLY_MEET, period, HOLDS[hold], self._room(), numbers, found)
         return numbers, found
 
     def _room(self) -> FloatArray:
-        return np.zeros(room_for(self.sections, self.ports))
+        return np.zeros(room_for(self.sections, self.ports, len(self.reads)))
+
+    def _count(self) -> int:
+        """How many numbers ``cascade_loop.cascade`` writes."""
+        return 3 * self.sections + 2 * self.sections * (len(self.reads) + 1) + len(self.reads)
+
+
+def of_three(found: FloatArray) -> FloatArray | None:
+    """The numbers of ``kernels.modal`` among those of three sections and four outputs, shape (..., 43).
+
+    None where it needs others.
+    """
+    return None if np.any(found[..., _NOT_READ]) else found[..., _OF_THREE]
 
 
 def _seen(block: Block, section: int, row: int, sees: Mapping[str, set[int]]) -> set[int]:

@@ -23,12 +23,12 @@ _SERIES: Final = tuple(1.0 / math.factorial(k) for k in range(18, 1, -1))
 """Of phi_2, the last term first; enough for |z| up to 1/2."""
 
 
-_ROWS: Final = 23
+_ROWS: Final = 15
 
 
-def room_for(sections: int, ports: int) -> tuple[int, int]:
+def room_for(sections: int, ports: int, outputs: int) -> tuple[int, int]:
     """The shape of what ``cascade`` works in."""
-    return 2 * ports + _ROWS, 2 * sections + 1
+    return 2 * (ports + outputs) + _ROWS, 2 * sections + 1
 
 
 def cascade(
@@ -46,7 +46,9 @@ def cascade(
 
     A signal of the cascade is ``direct + sum of residue/(s - pole)`` (``modal.Fractions``). Behind a block with the
     transfer function H it has its old poles, each residue times H there, and those of H, each residue times the signal
-    there. What is done with a pole and a hold stands in ``modal``.
+    there. Of a pole p over a period T, with a = exp(p T), the state moves by ``x+ = a x + b0 u + b1 u+``. With
+    ``z = (x - b1 u)/(b0 + a b1)`` this is ``z+ = a z + u``: the gains fold into the weights of the outputs, and a real
+    pole costs one multiplication and one addition.
 
     Parameters
     ----------
@@ -54,8 +56,7 @@ def cascade(
         a, b, c and d of each block, row by row, one after the other.
     wiring : int array
         Of each block: states (1 or 2), inputs, outputs; then the number of the port of each input (-1 where nothing
-        happens at it) and of each output. The port 0 is driven from outside. Last the ports that are read: current,
-        applied voltage, displacement, force.
+        happens at it) and of each output. The port 0 is driven from outside. Last the ports that are read.
     sections : int
         How many blocks there are.
     ports : int
@@ -64,9 +65,9 @@ def cascade(
         Relative gap between two poles, one behind the other, below which there is no answer.
     period : float [s]
     hold : int
-    room : float array, shape ``room_for(sections, ports)``
+    room : float array, shape ``room_for(sections, ports, outputs)``
         Zeros, and overwritten: what is worked out on the way.
-    numbers : float array, shape (13 sections + 4,)
+    numbers : float array, shape (3 sections + (outputs + 1) 2 sections + outputs,)
         Written. With two modes for each section (the second does nothing in one of one state): three numbers of how
         the modes of each section move, in the first side by side, else chained (``modal_loop.modal``); the weights of
         all modes in each output; the direct term of each output; the modes at row 0 for 1 V there.
@@ -177,12 +178,17 @@ def cascade(
     if pole_imaginary[0] != 0.0:
         return False
 
-    reads, behind = wire, 3 * sections + 4 * poles
-    weights, directs, starts = numbers[3 * sections : behind], numbers[behind : behind + 4], numbers[behind + 4 :]
-    for output in range(4):
+    reads, shown = wire, wiring.shape[0] - wire
+    behind = 3 * sections + shown * poles
+    weights, directs, starts = (
+        numbers[3 * sections : behind],
+        numbers[behind : behind + shown],
+        numbers[behind + shown :],
+    )
+    for output in range(shown):
         directs[output] = direct[wiring[reads + output]]
     decay_real, decay_imaginary, start_real, start_imaginary = rest[11], rest[12], rest[13], rest[14]
-    gain_real, gain_imaginary = rest[15:19], rest[19:23]
+    gain_real, gain_imaginary = rest[15 : 15 + shown], rest[15 + shown :]
     for section in range(sections):
         first, n = 2 * section, int(count[section])
         decay_real[1] = decay_imaginary[1] = start_real[1] = start_imaginary[1] = 0.0
@@ -224,7 +230,7 @@ def cascade(
                 gr, gi, hr, hi = period * wr, period * wi, period * vr, period * vi
                 sr, si = -(vr * wr + vi * wi) / (away * away), -(vi * wr - vr * wi) / (away * away)
             decay_real[j], decay_imaginary[j], start_real[j], start_imaginary[j] = ar, ai, sr, si
-            for output in range(4):
+            for output in range(shown):
                 port = wiring[reads + output]
                 gain_real[output, j] = real[port, k] * gr - imaginary[port, k] * gi
                 gain_imaginary[output, j] = real[port, k] * gi + imaginary[port, k] * gr
@@ -236,7 +242,7 @@ def cascade(
         if section == 0:
             numbers[0], numbers[1], numbers[2] = decay_real[0], 0.0, decay_real[1]
             starts[1] = start_real[1]
-            for output in range(4):
+            for output in range(shown):
                 weights[output * poles], weights[output * poles + 1] = gain_real[output, 0], gain_real[output, 1]
             continue
         if hold != ZERO and abs(apart) < 1e-9:
@@ -244,13 +250,13 @@ def cascade(
         if decay_imaginary[0] != 0.0:
             numbers[chain], numbers[chain + 1], numbers[chain + 2] = decay_real[0], -(apart * apart), decay_real[0]
             starts[first + 1] = start_imaginary[0] / apart if hold != ZERO else 0.0
-            for output in range(4):
+            for output in range(shown):
                 weights[output * poles + first] = 2.0 * gain_real[output, 0]
                 weights[output * poles + first + 1] = -2.0 * gain_imaginary[output, 0] * apart
         else:
             numbers[chain], numbers[chain + 1], numbers[chain + 2] = decay_real[0], 0.0, decay_real[1]
             starts[first + 1] = (start_real[1] - start_real[0]) / apart if hold != ZERO else 0.0
-            for output in range(4):
+            for output in range(shown):
                 weights[output * poles + first] = gain_real[output, 0] + gain_real[output, 1]
                 weights[output * poles + first + 1] = gain_real[output, 1] * apart
     return True

@@ -123,8 +123,7 @@ def fill(
     """
     kinds, n, shown, m = step.shape[0], step.shape[1], outputs.shape[0], ports.shape[0]
     begun = columns.step.shape[1]
-    if m > 0:
-        put_laws(table.forms[0], table.coefficients, columns.laws)
+    put_laws(table.forms[0], table.coefficients, columns.laws)
     for o in range(shown):
         for c in range(inputs + n + m):
             columns.outputs[c, o] = outputs[o, c]
@@ -255,7 +254,7 @@ def dense(
     written: FloatArray,
     trace: Trace,
 ) -> int:
-    """The state over intervals of any length, read wherever an interval begins at a row; with static laws, or without.
+    """The state over intervals of any length, read wherever an interval begins at a row; with static laws.
 
     What laws give goes in a straight line over an interval and jumps with the inputs. At the end of an interval state
     and laws hang on each other: with what the laws gave at its begin, the voltages that they read are
@@ -266,7 +265,7 @@ def dense(
     ----------
     columns : Columns
     table : LawTable
-        All of one form.
+        One or more, all of one form.
     course : Course
     x : float array, shape (n,)
         The state before the first interval; on return the state after the last.
@@ -285,9 +284,7 @@ def dense(
     interval, start, end, row, reading = course
     n, m, given, shown = x.shape[0], table.forms.shape[0], start.shape[1], outputs.shape[0]
     width, within, read_rows = columns.drop.shape[2], columns.drop.shape[0] - 1, columns.outputs.shape[1]
-    form, begun, made, high = 0, columns.step.shape[1], columns.step.shape[2], columns.end.shape[2]
-    if m > 0:
-        form = table.forms[0]
+    form, begun, made, high = table.forms[0], columns.step.shape[1], columns.step.shape[2], columns.end.shape[2]
     step, at_end, lowered = begin_of(columns.step), begin_of(columns.end), begin_of(columns.drop)
     read, ports, laws = begin_of(columns.outputs), begin_of(columns.ports), begin_of(columns.laws)
     k = begin_of(table.coefficients)
@@ -329,7 +326,7 @@ def dense(
                     p[0], w[0] = solve_near(form, k, there[0], r[0], p[0], behind(anchors, within * ANCHOR))
                     if math.isnan(p[0]):
                         return i
-                elif m > 1:
+                else:
                     guess(past_within, width, p)
                     if not (
                         nearby(form, m, laws, width, there, r, p, w, work)
@@ -368,7 +365,7 @@ def dense(
             p[0], w[0] = solve_near(form, k, there[0], new[n + shown], p[0], behind(anchors, kind * ANCHOR))
             if math.isnan(p[0]):
                 return i
-        elif m > 1:
+        else:
             for l in range(m):  # noqa: E741
                 r[l] = new[n + shown + l]
             guess(past, width, p)

@@ -9,7 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.model.blocks import Block
-from ipmclab.model.numerics.modal import modes, recursion
+from ipmclab.model.numerics.cascade import Wiring, entries_of, of_three
+from ipmclab.model.numerics.modal import SECTIONS
 from ipmclab.model.ports import OUTPUT_PORTS, left_at_rest
 from ipmclab.run import Hold
 
@@ -20,7 +21,7 @@ FloatArray = npt.NDArray[np.float64]
 IndexArray = npt.NDArray[np.int64]
 
 _OUTPUTS: Final = len(OUTPUT_PORTS)
-_MODES: Final = 6
+_MODES: Final = 2 * SECTIONS
 
 
 def with_states(block: Block) -> Block:
@@ -37,41 +38,41 @@ def with_states(block: Block) -> Block:
     )
 
 
-def numbers_at(blocks: Sequence[Block], scale: FloatArray, period: float, hold: Hold) -> FloatArray | None:
-    """Everything that a piece needs of one system: numbers (26), starts (6), and its states of modes and voltage (42).
+def numbers_at(systems: Sequence[Sequence[Block]], scales: FloatArray, period: float, hold: Hold) -> FloatArray | None:
+    """Everything that a piece needs of each system: numbers (26), starts (6), and its states of modes and voltage (42).
 
     Parameters
     ----------
-    blocks : sequence of Block
-    scale : float array, shape (n_states,)
+    systems : sequence of sequence of Block
+        Each the same blocks with other numbers.
+    scales : float array, shape (n_systems, n_states)
         How many times each state is what goes on between pieces.
     period : float [s]
     hold : "zero", "zero-before" or "first"
 
     Returns
     -------
-    numbers : float array, shape (74,), or None
+    numbers : float array, shape (n_systems, 74), or None
         None where another way must answer.
     """
-    states = [name for block in blocks for name in block.states]
-    if len(states) != _MODES:
+    shown = [[with_states(block) for block in blocks] for blocks in systems]
+    outputs = (*OUTPUT_PORTS, *(name for block in systems[0] for name in block.states))
+    if len(outputs) != _OUTPUTS + _MODES:
         return None
-    found = modes(
-        [with_states(block) for block in blocks],
-        external="voltage",
-        outputs=(*OUTPUT_PORTS, *states),
-        at_rest=left_at_rest(["voltage"]),
-    )
-    moving = None if found is None else recursion(found, period, hold)
-    if moving is None:
+    wiring = Wiring.of(shown[0], external="voltage", outputs=outputs, at_rest=left_at_rest(["voltage"]))
+    if wiring is None:
         return None
-    current, applied, displacement, force = moving.weights[:_OUTPUTS]
-    if any(current[2:]) or any(applied[2:]) or any(force[4:]):
+    numbers, found = wiring.sections_of_many(np.array([entries_of(blocks) for blocks in shown]), period, hold)
+    if not np.all(found):
         return None
-    direct = moving.direct
-    reading = [*current[:2], direct[0], *applied[:2], direct[1], *displacement, direct[2], *force[:4], direct[3]]
-    of_modes = np.column_stack([moving.weights[_OUTPUTS:], direct[_OUTPUTS:]]) * scale[:, None]
-    return np.concatenate([moving.numbers, reading, moving.starts, of_modes.ravel()])
+    ends = np.cumsum([3 * SECTIONS, len(outputs) * _MODES, len(outputs)])
+    moves, weights, direct, starts = np.split(numbers, ends, axis=1)
+    own = of_three(np.hstack([moves, weights[:, : _OUTPUTS * _MODES], direct[:, :_OUTPUTS], starts]))
+    if own is None:
+        return None
+    weights = weights.reshape(len(numbers), -1, _MODES)
+    of_modes = np.concatenate([weights[:, _OUTPUTS:], direct[:, _OUTPUTS:, None]], axis=2) * scales[:, :, None]
+    return np.hstack([own, of_modes.reshape(len(numbers), -1)])
 
 
 def pieces_between(knots: FloatArray, weights: FloatArray, first: IndexArray) -> Pieces | None:

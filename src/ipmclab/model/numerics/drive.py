@@ -49,15 +49,21 @@ def respond(drive: Drive, poles: FloatArray, state: FloatArray, slope: FloatArra
 
 def complex_responses(drive: Drive, poles: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
     """The same of complex poles."""
-    from ipmclab.model.numerics.tangents_modal_loop import pole_answers, pole_moves
+    from ipmclab.model.numerics.tangents_modal_loop import pole_courses, pole_moves
 
-    moves = np.empty((6, len(drive.durations), len(poles)), dtype=np.complex128)
+    count, times = len(poles), len(drive.present)
+    moves = np.empty((6, len(drive.durations), count), dtype=np.complex128)
     pole_moves(poles, drive.durations, 1.0, moves)
     row = np.full(len(drive.kind) + 1, -1)
-    row[slice(None) if drive.rows is None else drive.rows] = np.arange(len(drive.present))
-    answers = np.empty((2 * len(poles), len(drive.present)), dtype=np.complex128)
-    pole_answers(moves, drive.kind, drive.start, drive.end, row, 0.0, answers)
-    return answers[: len(poles)], answers[len(poles) :]
+    row[slice(None) if drive.rows is None else drive.rows] = np.arange(times)
+    places = np.arange(0), np.arange(count), 2 * count + np.arange(count)
+    courses = np.empty((2, 2, count, times))  # real and imaginary parts, of answers and slopes
+    none_real = np.empty((*moves.shape[:2], 0))
+    given = drive.kind, drive.start, drive.end, row, 0.0, courses.reshape(-1, times)
+    pole_courses(none_real, moves, places, *given)
+    found = np.empty((2, count, times), dtype=np.complex128)
+    found.real, found.imag = courses
+    return found[0], found[1]
 
 
 def shifted(voltage: FloatArray, step: float, delay: float, *, from_rest: bool) -> Drive:

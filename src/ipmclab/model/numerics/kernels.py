@@ -10,16 +10,24 @@ import numpy.typing as npt
 from ipmclab.model.numerics.cascade_loop import cascade as _cascade
 from ipmclab.model.numerics.compiled import kernel, part
 from ipmclab.model.numerics.course import Course
-from ipmclab.model.numerics.modal_loop import modal as _modal
+from ipmclab.model.numerics.modal_loop import BLOCK
 from ipmclab.model.numerics.modal_loop import modal_sections as _modal_sections
+from ipmclab.model.numerics.modal_loop import stretch as _stretch
 from ipmclab.model.numerics.vectors_loop import WIDTH, alike, begin_of, load, store
 
 FloatArray = npt.NDArray[np.float64]
 IndexArray = npt.NDArray[np.int64]
 
 cascade = kernel(_cascade)
-modal = kernel(_modal)
+stretch = kernel(_stretch)
 modal_sections = kernel(_modal_sections)
+
+
+@kernel
+def modal(voltage: FloatArray, coefficients: FloatArray, outputs: FloatArray) -> None:
+    """``modal_loop.modal``"""
+    z = coefficients[26:] * voltage[0]
+    stretch(voltage, coefficients, 0, voltage.shape[0], z, np.empty((6, BLOCK)), outputs)
 
 
 @kernel

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import math
 import threading
 from collections.abc import Callable, Sequence
 from functools import lru_cache
@@ -25,9 +24,6 @@ FloatArray = npt.NDArray[np.float64]
 
 MOST_STATES: Final = 16
 """Of a system whose loop is written out: its length, and how long it takes to compile, grows with their square."""
-
-_REACH: Final = 0.25
-_SERIES: Final = 1.0 / np.array([math.factorial(k) for k in range(13)])
 
 _one_at_a_time: Final = threading.Lock()
 
@@ -172,21 +168,14 @@ def _pattern(system: System, like: System, *, with_end: bool) -> npt.NDArray[np.
 
 def _transition(system: System, like: System, period: float, hold: Hold) -> tuple[FloatArray, FloatArray, FloatArray]:
     """E, b0 and b1 of each system, shapes (n_sets, n, n) and twice (n_sets, n, 1)."""
-    sets, n = len(system.a), system.a.shape[-1]
+    from ipmclab.model.numerics.transitions_loop import room, transitions_of_many
+
+    n = system.a.shape[-1]
     _, scales = balanced(like.a)
-    # A small input costs neither squarings nor digits: a large one is brought to about 1, by a power of two.
-    level = float(np.exp2(np.round(np.log2(np.abs(like.b / scales[:, None]).max(initial=1.0)))))
-    # The exponential of [[A, B, 0], [0, 0, 1], [0, 0, 0]] t holds the state matrix, the response to a constant 1 V
-    # and, times t, the response to a slope that reaches 1 V at t (``discretise.transitions``).
-    generator = np.zeros((sets, n + 2, n + 2))
-    generator[:, :n, :n] = system.a * (scales / scales[:, None])
-    generator[:, :n, n] = system.b[..., 0] / (scales * level)
-    generator[:, n, n + 1] = 1.0 / period
-    generator *= period
-    whole = np.empty_like(generator)
-    lanes_loop.exponentials(generator, _REACH, _SERIES, whole)
-    state = whole[:, :n, :n] * (scales[:, None] / scales)
-    held, ramped = (whole[:, :n, n + k, None] * (scales[:, None] * level) for k in (0, 1))
+    a, drive = np.ascontiguousarray(system.a), np.ascontiguousarray(system.b)
+    step = np.empty((len(a), n, 2 + n))
+    transitions_of_many(a, drive, scales, np.array([period]), room(n, 1, moved=False), step)
+    held, ramped, state = np.split(step, [1, 2], axis=-1)
     nothing = np.zeros_like(held)
     if hold == "zero":
         return state, held, nothing

@@ -12,10 +12,10 @@ import numpy.typing as npt
 
 from ipmclab.model.assemble import assemble
 from ipmclab.model.blocks import Block
-from ipmclab.model.numerics.course import voltage_course
-from ipmclab.model.numerics.dense import LONGEST, Dense
+from ipmclab.model.numerics.dense import LONGEST
 from ipmclab.model.numerics.modal import Modes, exponential_integrals, modes
 from ipmclab.model.numerics.reduce import reduced, seen_states
+from ipmclab.model.numerics.regular import Regular
 from ipmclab.model.ports import OUTPUT_PORTS, left_at_rest
 from ipmclab.model.stages.circuit import Circuit
 from ipmclab.model.structure import Structure
@@ -58,7 +58,7 @@ def law_loop(structure: Structure, values: Mapping[str, float], period: float, h
     circuit = np.array([*numbers.circuit, series, numbers.weights[1, 6]])
     k = np.array(law.coefficients, dtype=np.float64)
     jumps, form = JUMPS[hold], law.form
-    motion = None if linear == plain else _Motion(linear.blocks(values), period)
+    motion = None if linear == plain else _motion(linear.blocks(values), period)
 
     def loop(voltage: FloatArray, outputs: FloatArray) -> None:
         from ipmclab.model.numerics.law_modal_loop import law_modal
@@ -66,7 +66,7 @@ def law_loop(structure: Structure, values: Mapping[str, float], period: float, h
         fronts = np.empty((3, 0 if motion is None else len(voltage)))
         law_modal(voltage, jumps, circuit, numbers.mechanical, numbers.weights, form, k, outputs, fronts)
         if motion is not None:
-            motion.write(fronts, outputs[2:])
+            motion.along(fronts[0, 1:], fronts[1, 1:], fronts[2], outputs[2:])
 
     return loop
 
@@ -87,21 +87,11 @@ def without_leak(structure: Structure) -> tuple[Structure, Structure]:
     return linear, Structure(structure.branches, laser=structure.laser)
 
 
-class _Motion:
+def _motion(blocks: Sequence[Block], period: float) -> Regular:
     """Displacement and force of a linear strip, driven by the voltage at the front of its electrodes."""
-
-    def __init__(self, blocks: Sequence[Block], period: float) -> None:
-        system = assemble(blocks, inputs=("voltage",), outputs=OUTPUT_PORTS[2:], at_rest=left_at_rest(["voltage"]))
-        every = range(len(system.outputs))
-        system = reduced(system, every, seen_states([system], every))
-        self._dense, self._size = Dense.of(system, [period]), len(system.states)
-
-    def write(self, fronts: FloatArray, values: FloatArray) -> None:
-        """From ``fronts`` of ``law_modal_loop.law_modal``."""
-        rows = fronts.shape[1]
-        kind, row = np.zeros(rows - 1, dtype=np.int64), np.arange(rows, dtype=np.int64)
-        course = voltage_course(kind, fronts[0, 1:], fronts[1, 1:], row, fronts[2])
-        self._dense.run(course, np.zeros(self._size), values)
+    system = assemble(blocks, inputs=("voltage",), outputs=OUTPUT_PORTS[2:], at_rest=left_at_rest(["voltage"]))
+    every = range(len(system.outputs))
+    return Regular(reduced(system, every, seen_states([system], every)), period)
 
 
 @dataclass(frozen=True, eq=False)

@@ -38,41 +38,67 @@ def modal(voltage: FloatArray, coefficients: FloatArray, outputs: FloatArray) ->
     outputs : float array, shape (4, n_time)
         Written: current, applied voltage, displacement, force.
     """
-    a1, a2 = coefficients[0], coefficients[1]
-    p2, q2, s2 = coefficients[2], coefficients[3], coefficients[4]
-    p3, q3, s3 = coefficients[5], coefficients[6], coefficients[7]
-    i1, i2, i0 = coefficients[8], coefficients[9], coefficients[10]
-    v1, v2, v0 = coefficients[11], coefficients[12], coefficients[13]
-    d1, d2, d3, d4 = coefficients[14], coefficients[15], coefficients[16], coefficients[17]
-    d5, d6, d0 = coefficients[18], coefficients[19], coefficients[20]
-    f1, f2, f3, f4, f0 = coefficients[21], coefficients[22], coefficients[23], coefficients[24], coefficients[25]
-    first = voltage[0]
-    z1, z2, z3 = coefficients[26] * first, coefficients[27] * first, coefficients[28] * first
-    z4, z5, z6 = coefficients[29] * first, coefficients[30] * first, coefficients[31] * first
-    modes = np.empty((6, BLOCK))
+    stretch(voltage, coefficients, 0, voltage.shape[0], coefficients[26:] * voltage[0], np.empty((6, BLOCK)), outputs)
+
+
+def stretch(
+    voltage: FloatArray,
+    numbers: FloatArray,
+    begin: int,
+    end: int,
+    z: FloatArray,
+    modes: FloatArray,
+    outputs: FloatArray,
+) -> None:
+    """Some rows of ``modal``.
+
+    Parameters
+    ----------
+    voltage, outputs : float arrays
+        As of ``modal``.
+    numbers : float array, shape (26,) or more
+        As ``coefficients`` of ``modal``, of which the last are not read.
+    begin, end : int
+        Which rows.
+    z : float array, shape (6,)
+        The modes at the first of them; on return those at the row behind the last.
+    modes : float array, shape (6, BLOCK)
+        Written on.
+    """
+    a1, a2 = numbers[0], numbers[1]
+    p2, q2, s2 = numbers[2], numbers[3], numbers[4]
+    p3, q3, s3 = numbers[5], numbers[6], numbers[7]
+    i1, i2, i0 = numbers[8], numbers[9], numbers[10]
+    v1, v2, v0 = numbers[11], numbers[12], numbers[13]
+    d1, d2, d3, d4 = numbers[14], numbers[15], numbers[16], numbers[17]
+    d5, d6, d0 = numbers[18], numbers[19], numbers[20]
+    f1, f2, f3, f4, f0 = numbers[21], numbers[22], numbers[23], numbers[24], numbers[25]
+    z1, z2, z3, z4, z5, z6 = z[0], z[1], z[2], z[3], z[4], z[5]
     y1, y2, y3, y4, y5, y6 = modes[0], modes[1], modes[2], modes[3], modes[4], modes[5]
-    for begin in range(0, voltage.shape[0], BLOCK):
-        u = voltage[begin : begin + BLOCK]
-        for k in range(u.shape[0]):
+    for first in range(begin, end, BLOCK):
+        u = voltage[first : min(first + BLOCK, end)]
+        rows = u.shape[0]
+        for k in range(rows):
             y1[k], y2[k], y3[k], y4[k], y5[k], y6[k] = z1, z2, z3, z4, z5, z6
             z1 = a1 * z1 + u[k]
             z2 = a2 * z2 + u[k]
             z3, z4 = p2 * z3 + (q2 * z4 + u[k]), s2 * z4 + z3
             z5, z6 = p3 * z5 + (q3 * z6 + u[k]), s3 * z6 + z5
-        current = outputs[0, begin : begin + BLOCK]
-        for k in range(u.shape[0]):
+        current = outputs[0, first : first + rows]
+        for k in range(rows):
             current[k] = (i1 * y1[k] + i2 * y2[k]) + i0 * u[k]
-        applied = outputs[1, begin : begin + BLOCK]
-        for k in range(u.shape[0]):
+        applied = outputs[1, first : first + rows]
+        for k in range(rows):
             applied[k] = (v1 * y1[k] + v2 * y2[k]) + v0 * u[k]
-        displacement = outputs[2, begin : begin + BLOCK]
-        for k in range(u.shape[0]):
+        displacement = outputs[2, first : first + rows]
+        for k in range(rows):
             displacement[k] = ((d1 * y1[k] + d2 * y2[k]) + (d3 * y3[k] + d4 * y4[k])) + (
                 (d5 * y5[k] + d6 * y6[k]) + d0 * u[k]
             )
-        force = outputs[3, begin : begin + BLOCK]
-        for k in range(u.shape[0]):
+        force = outputs[3, first : first + rows]
+        for k in range(rows):
             force[k] = ((f1 * y1[k] + f2 * y2[k]) + (f3 * y3[k] + f4 * y4[k])) + f0 * u[k]
+    z[0], z[1], z[2], z[3], z[4], z[5] = z1, z2, z3, z4, z5, z6
 
 
 def modal_sections(voltage: FloatArray, numbers: FloatArray, sections: int, outputs: FloatArray) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from ipmclab.model.assemble import System
 from ipmclab.model.numerics.course import voltage_course
 from ipmclab.model.numerics.dense import Dense
 from ipmclab.run import Hold
@@ -17,23 +18,27 @@ class Regular:
 
     Parameters
     ----------
-    dense : Dense
-    states : int
+    system : System
+        Driven by the voltage alone.
+    period : float [s]
     """
 
-    def __init__(self, dense: Dense, states: int) -> None:
-        self._dense, self._states = dense, states
+    def __init__(self, system: System, period: float) -> None:
+        self._dense, self._states = Dense.of(system, [period]), len(system.states)
 
     def write(self, voltage: FloatArray, hold: Hold, values: FloatArray) -> None:
-        """Write the outputs at the rows of a voltage, from rest.
+        """Write the outputs at the rows of a voltage, from rest; raises what ``along`` does."""
+        before, after = voltage[:-1], voltage[1:]
+        start, end = (after if hold == "zero-before" else before), (before if hold == "zero" else after)
+        self.along(start, end, voltage, values)
+
+    def along(self, start: FloatArray, end: FloatArray, reading: FloatArray, values: FloatArray) -> None:
+        """The same of a voltage by its ends in each period, and what each row sees of it.
 
         Raises
         ------
         IpmclabError
             The equation of a law has no solution in floating point.
         """
-        rows = len(voltage)
-        before, after = voltage[:-1], voltage[1:]
-        start, end = (after if hold == "zero-before" else before), (before if hold == "zero" else after)
-        kind, row = np.zeros(rows - 1, dtype=np.int64), np.arange(rows, dtype=np.int64)
-        self._dense.run(voltage_course(kind, start, end, row, voltage), np.zeros(self._states), values)
+        kind, row = np.zeros(len(start), dtype=np.int64), np.arange(len(reading), dtype=np.int64)
+        self._dense.run(voltage_course(kind, start, end, row, reading), np.zeros(self._states), values)

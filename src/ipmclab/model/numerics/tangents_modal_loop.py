@@ -64,46 +64,6 @@ def pole_moves(poles: ComplexArray, durations: FloatArray, driven: float, moves:
 
 
 @kernel
-def pole_answers(
-    moves: ComplexArray,
-    interval: IndexArray,
-    start: FloatArray,
-    end: FloatArray,
-    row: IndexArray,
-    first: float,
-    answers: ComplexArray,
-) -> None:
-    """What each pole answers at each row, and its slope by the pole.
-
-    Parameters
-    ----------
-    moves : complex array, shape (6, n_kinds, n_poles)
-        As ``pole_moves`` writes them.
-    interval, start, end, row : arrays
-        As in ``timeline.Timeline``.
-    first : float
-        The answer before the first interval.
-    answers : complex array, shape (2 n_poles, n_time)
-        Written: the answers, then their slopes.
-    """
-    decay, held, ramped, d_decay, d_held, d_ramped = moves[0], moves[1], moves[2], moves[3], moves[4], moves[5]
-    n = decay.shape[1]
-    s, slope = np.full(n, first + 0j), np.zeros(n, np.complex128)
-    for i in range(row.shape[0]):
-        k = row[i]
-        if k >= 0:
-            for j in range(n):
-                answers[j, k] = s[j]
-                answers[n + j, k] = slope[j]
-        if i < interval.shape[0]:
-            m = interval[i]
-            u, du = start[i], end[i] - start[i]
-            for j in range(n):
-                slope[j] = decay[m, j] * slope[j] + (d_decay[m, j] * s[j] + (d_held[m, j] * u + d_ramped[m, j] * du))
-                s[j] = decay[m, j] * s[j] + (held[m, j] * u + ramped[m, j] * du)
-
-
-@kernel
 def pole_courses(
     real: FloatArray,
     pairs: ComplexArray,
@@ -115,18 +75,20 @@ def pole_courses(
     first: float,
     courses: FloatArray,
 ) -> None:
-    """The same as real courses over time, real poles and pairs apart.
+    """What each pole answers at each row, and its slope by the pole, as real courses: real poles and pairs apart.
 
     Parameters
     ----------
     real : float array, shape (6, n_kinds, n_real)
         As ``pole_moves`` writes them, of the real poles.
     pairs : complex array, shape (6, n_kinds, n_pairs)
-        Of the poles above the real axis.
+        Of the others: of a pair the one above the real axis, as the other answers the conjugate.
     places : three int arrays, shapes (n_real,), (n_pairs,), (n_pairs,)
         Where the answers of each stand in the courses, and the imaginary parts of the pairs.
-    interval, start, end, row, first
-        As of ``pole_answers``.
+    interval, start, end, row : arrays
+        As in ``timeline.Timeline``.
+    first : float
+        The answer before the first interval.
     courses : float array, shape (2 (n_real + n_pairs) + 2 n_pairs, n_time)
         Written: the real parts of the answers, of their slopes, then the imaginary ones.
     """

@@ -151,6 +151,23 @@ def transitions(
                 step[kind, i, first_law + laws + l] = ramped
 
 
+@kernel
+def transitions_of_many(
+    a: FloatArray, drive: FloatArray, scales: FloatArray, durations: FloatArray, written: FloatArray, step: FloatArray
+) -> None:
+    """The transitions of many systems with one input over one interval.
+
+    Parameters
+    ----------
+    a, drive : float arrays, shapes (n_sets, n, n), (n_sets, n, 1)
+    durations : float array, shape (1,) [s]
+    step : float array, shape (n_sets, n, 2 + n)
+        Written. The others are as in ``transitions``.
+    """
+    for k in range(a.shape[0]):
+        transitions(a[k], drive[k], 1, scales, durations, written, step[k : k + 1])
+
+
 @part
 def _product_moved(
     left: Any, by_left: Any, right: Any, by_right: Any, n: int, columns: int, row: int, every: int, target: Any

@@ -61,8 +61,8 @@ class NextRunsView:
         with card("Which run next", place="next"):
             text("The runs that give most information on a strip, for their time on the bench.").classes("lab-quiet")
             with ui.element("div").classes("lab-bar"):
-                self._fit = ui.select(self._fits(), label="Fit to ask").props("dense outlined options-dense")
-                self._fit.classes("lab-wide")
+                self._fit = ui.select(self._workshop.every_fit(), label="Fit to ask")
+                self._fit.props("dense outlined options-dense").classes("lab-wide")
                 self._goal = ui.select(_GOALS, value="parameters", label="What for", on_change=self._chose_goal)
                 self._goal.props("dense outlined options-dense").classes("lab-wide")
             with ui.element("div").classes("lab-bar"):
@@ -98,11 +98,7 @@ class NextRunsView:
 
     def refill(self) -> None:
         """The fits may have become more."""
-        self._fit.set_options(self._fits())
-
-    def _fits(self) -> dict[str, str]:
-        session = {one.key: one.asked.name for one in reversed(self._workshop.fits) if one.frame is not None}
-        return {**session, **{name: name for name in self._workshop.fitted_files()}}
+        self._fit.set_options(self._workshop.every_fit())
 
     def _field(self, label: str, value: str) -> ui.input:
         return ui.input(label, value=value).props("dense outlined")

@@ -36,7 +36,7 @@ class _View:
         asked = ui.context.client.request.query_params.get("fit")
         with ui.element("div").classes("lab-columns"):
             with ui.element("div").classes("lab-column"), card("Make a report"):
-                fits = self._fits()
+                fits = self._workshop.every_fit()
                 self._fit = ui.select(fits, value=asked if asked in fits else None, label="Fit", on_change=self._choose)
                 self._fit.props("dense outlined options-dense")
                 self._runs = ui.element("div").classes("lab-quiet")
@@ -60,10 +60,6 @@ class _View:
         self._used: list[str] = []
         self._show_reports()
         ui.timer(0.01, self._choose, once=True)
-
-    def _fits(self) -> dict[str, str]:
-        session = {one.key: one.asked.name for one in reversed(self._workshop.fits) if one.frame is not None}
-        return {**session, **{name: name for name in self._workshop.fitted_files()}}
 
     async def _choose(self) -> None:
         """Find the runs that the fit was made from."""

@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ipmclab.reporting.figures.layout import Margins, panel_grid
+from ipmclab.reporting.figures.panels import name_rows
 from ipmclab.reporting.style import COLOURS, label_text, style
 from ipmclab.reporting.wording import plain
 
@@ -63,12 +64,8 @@ def choice_figure(choice: Choice) -> Figure:
                 markerfacecolor=colour if far or chosen else COLOURS["paper"],
                 linestyle="none",
             )
-        panel.set_yticks(places, [f"{label_text(one.name, longest=30)} ({one.parameters})" for one in ranked])
+        name_rows(panel, [f"{label_text(one.name, longest=30)} ({one.parameters})" for one in ranked])
         panel.xaxis.set_major_formatter(lambda value, _: plain(value, trim=True))
-        panel.set_ylim(len(ranked) - 0.5, -0.5)
-        panel.grid(visible=True, axis="x")
-        panel.grid(visible=False, axis="y")
-        panel.tick_params(axis="y", length=0)
         scale = ", logarithmic scale" if wide else ""
         panel.set_xlabel(f"log predictive likelihood, less that of the best (nat{scale})")
         panel.set_title(

@@ -18,6 +18,7 @@ from ipmclab.comparison.factors import FACTORS, Factor, levels_of
 from ipmclab.comparison.metric_model import Effect, MetricModel
 from ipmclab.comparison.table import RunRow
 from ipmclab.reporting.figures.layout import Margins, panel_grid
+from ipmclab.reporting.figures.panels import name_rows
 from ipmclab.reporting.figures.strips import (
     Curve,
     Look,
@@ -300,12 +301,8 @@ def _draw_effects(by: Mapping[str, list[tuple[str, Any]]]) -> Figure:
                 label_text(label, longest=46) + ("" if common else f"\n{label_text(_levels(one))}")
                 for label, one in rows
             ]
-            panel.set_yticks(range(len(rows)), names)
-            panel.set_ylim(len(rows) - 0.4, -0.6)
+            name_rows(panel, names, beyond=0.6)
             _bound(panel, [one.value for _, one in rows], [end for _, one in rows for end in one.interval or ()])
-            panel.grid(visible=True, axis="x")
-            panel.grid(visible=False, axis="y")
-            panel.tick_params(axis="y", length=0)
         grid[-1, 0].set_xlabel("ratio")
     return figure
 
@@ -398,11 +395,7 @@ def _draw_strips(
             colour = COLOURS["vermillion" if sample in deviating else SERIES[0]]
             panel.plot(values, [place] * len(values), "o", markersize=3.4, alpha=0.7, markeredgewidth=0, color=colour)
         names = [label_text(sample, longest=26) + (" (unlike)" if sample in deviating else "") for sample in samples]
-        panel.set_yticks(range(len(samples)), names)
-        panel.set_ylim(len(samples) - 0.4, -0.6)
-        panel.grid(visible=True, axis="x")
-        panel.grid(visible=False, axis="y")
-        panel.tick_params(axis="y", length=0)
+        name_rows(panel, names, beyond=0.6)
         panel.set_xlim(left=0.0)
         panel.set_xlabel(f"{model.label}{_in_unit(quantity.display_unit)}")
     return figure

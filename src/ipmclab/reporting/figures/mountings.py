@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 
 from ipmclab.confidence import NORMAL_95
 from ipmclab.reporting.figures.layout import Margins, panel_grid
+from ipmclab.reporting.figures.panels import name_rows
 from ipmclab.reporting.style import COLOURS, style
 from ipmclab.reporting.wording import plain
 
@@ -54,13 +55,9 @@ def mountings_figure(fit: Fit, names: Sequence[str]) -> Figure:
                 panel.plot([value / middle], [place], "o", markersize=3.6, color=COLOURS["blue"])
         panel.use_sticky_edges = False  # a bar that ends at the frame looks cut off
         panel.autoscale_view()
-        panel.set_yticks(range(len(names)), list(names))
-        panel.set_ylim(len(names) - 0.5, -0.5)
+        name_rows(panel, names)
         panel.xaxis.set_major_formatter(lambda value, _: plain(value, 2, trim=True))
         panel.xaxis.set_minor_formatter(lambda value, _: plain(value, 2, trim=True) if _few(panel.get_xlim()) else "")
-        panel.grid(visible=True, axis="x")
-        panel.grid(visible=False, axis="y")
-        panel.tick_params(axis="y", length=0)
         panel.set_xlabel("value, over the geometric mean of the mountings")
         panel.set_title(
             "a dot with its 95 % interval: one mounting by itself · shaded: the next mounting, 95 %",

@@ -74,6 +74,23 @@ def name_panel(panel: Axes, text: str, quantity: Quantity, *, ticks: int = 4, bo
     panel.yaxis.set_offset_position("right")
 
 
+def name_rows(panel: Axes, names: Sequence[str], *, beyond: float = 0.5, **looks: Any) -> None:
+    """A panel with a name at each place of its vertical axis, from 0 at the top on, and a grid across.
+
+    Parameters
+    ----------
+    beyond : float
+        How far it goes beyond the first and the last place.
+    **looks
+        Of the names.
+    """
+    panel.set_yticks(range(len(names)), list(names), **looks)
+    panel.set_ylim(len(names) - 1.0 + beyond, -beyond)
+    panel.grid(visible=True, axis="x")
+    panel.grid(visible=False, axis="y")
+    panel.tick_params(axis="y", length=0)
+
+
 def curve(panel: Axes, channel: str, time: FloatArray, values: FloatArray, **look: Any) -> None:
     """Draw one channel in its display unit, decimated, with gaps where it is NaN."""
     panel.plot(*decimate(time, CHANNELS[channel].to_display(values)), **look)

@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from ipmclab.comparison.display import quantity_of
 from ipmclab.reporting.figures.comparison import ComparedFigure
 from ipmclab.reporting.figures.layout import Margins, panel_grid
+from ipmclab.reporting.figures.panels import name_rows
 from ipmclab.reporting.style import COLOURS, label_text, style
 from ipmclab.reporting.wording import spelled_unit, with_unit
 
@@ -75,13 +76,7 @@ def _draw(one: Population, conditions: Sequence[OfCondition]) -> Figure:
             panel.plot(shown(each.next_strip[1]), [place] * 2, color=COLOURS["blue"], linewidth=1.0)
             panel.plot(shown(each.mean[1]), [place] * 2, color=COLOURS["blue"], linewidth=3.2)
             panel.plot(shown((each.next_strip[0],) * 2), [place] * 2, "o", markersize=3.6, color=COLOURS["blue"])
-        panel.set_yticks(
-            range(len(conditions)), [label_text(condition_text(one, each), longest=40) for each in conditions]
-        )
-        panel.set_ylim(len(conditions) - 0.4, -0.6)
-        panel.grid(visible=True, axis="x")
-        panel.grid(visible=False, axis="y")
-        panel.tick_params(axis="y", length=0)
+        name_rows(panel, [label_text(condition_text(one, each), longest=40) for each in conditions], beyond=0.6)
         if one.model.is_ratio:
             panel.set_xlim(left=0.0)
         unit = spelled_unit(quantity.display_unit)

@@ -12,6 +12,7 @@ from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 
 from ipmclab.model.reductions import quantity_of
 from ipmclab.reporting.figures.layout import Margins, panel_grid
+from ipmclab.reporting.figures.panels import name_rows
 from ipmclab.reporting.style import COLOURS, style
 from ipmclab.reporting.wording import plain, power_of_ten, spelled_unit
 from ipmclab.units import CHANNELS, Quantity
@@ -153,11 +154,7 @@ def _draw_bars(panel: Any, names: tuple[str, ...], bars: dict[str, dict[str, _Ba
             panel.plot([value], [place + shift], mark, color=COLOURS[colour], markersize=4.0, label=kind)
     handles = dict(zip(*reversed(panel.get_legend_handles_labels()), strict=True))
     panel.axvline(0.0, color=COLOURS["muted"], linewidth=0.8)
-    panel.set_yticks(places, names, fontsize=7.0)
-    panel.set_ylim(len(names) - 0.5, -0.5)
-    panel.grid(visible=True, axis="x")
-    panel.grid(visible=False, axis="y")
-    panel.tick_params(axis="y", length=0)
+    name_rows(panel, names, fontsize=7.0)
     panel.tick_params(labelbottom=last)
     if last:
         panel.legend(

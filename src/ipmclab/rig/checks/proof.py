@@ -9,7 +9,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any, Final, Literal
 
-from ipmclab.destination import replacing
+from ipmclab.destination import write_text
 from ipmclab.errors import InputError
 from ipmclab.rig.channels import Rig, VirtualStrip
 from ipmclab.rig.files.text import rig_to_text
@@ -129,8 +129,7 @@ def write_proof(proof: Proof, path: Path) -> None:
             for one in proof.items
         ],
     }
-    with replacing(path, overwrite=True) as temporary:
-        temporary.write_text(tomli_w.dumps(document), encoding="utf-8", newline="\n")
+    write_text(tomli_w.dumps(document), path, overwrite=True)
 
 
 def read_proof(path: Path) -> Proof:

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Final
 
 from pydantic import Field, ValidationError
 
-from ipmclab.errors import InputError, suggest
+from ipmclab.errors import InputError, unknown_name
 from ipmclab.rig.experiments.environments import (
     EXAMPLES,
     ConditionTable,
@@ -194,7 +194,7 @@ def experiment_from_table(
         try:
             signal.check_fits(duration, rate)
         except InputError as error:
-            raise InputError(error.message, code=error.code, where=place(key), repair=error.repair) from error
+            raise error.at(place(key)) from error
     if not 1 <= read.repeats <= MOST_REPEATS:
         raise InputError(
             f"repeats is {read.repeats}",
@@ -221,7 +221,7 @@ def experiment_from_table(
         pair=read.pair,
         baseline=read.baseline,
         fingerprint=read.fingerprint,
-        actuator=_actuator(read.actuator, folder),
+        actuator=beside(read.actuator, folder),
         operator=read.operator,
         notes=read.notes,
         mounting_id=read.mounting_id,
@@ -273,9 +273,7 @@ def _signals(read: _Table, folder: Path, place: Any) -> list[tuple[str, Signal]]
         try:
             found.append((key, parse(text, folder=folder)))
         except InputError as error:
-            raise InputError(
-                f"{error.where}: {error.message}", code=error.code, where=place(key), repair=error.repair
-            ) from error
+            raise error.at(place(key), f"{error.where}: {error.message}") from error
     return found
 
 
@@ -289,9 +287,7 @@ def _environments(
             signal = parse(read.reference.signal, folder=folder)
             signal.check_fits(duration, rate)
         except InputError as error:
-            raise InputError(
-                error.message, code=error.code, where=place("reference.signal"), repair=error.repair
-            ) from error
+            raise error.at(place("reference.signal")) from error
     return read_environments(read.environment, read.environments, read.reference, signal, place)
 
 
@@ -302,7 +298,7 @@ def _sample(read: _Table, folder: Path, place: Any) -> Sample:
     if read.actuator is not None:
         from ipmclab.model import load_actuator
 
-        actuator = load_actuator(_actuator(read.actuator, folder) or "")
+        actuator = load_actuator(beside(read.actuator, folder) or "")
         from_model = actuator.sample or Sample(id=actuator.name)
     if read.sample:
         return from_model if from_model is not None and from_model.id == read.sample else Sample(id=read.sample)
@@ -316,21 +312,16 @@ def _sample(read: _Table, folder: Path, place: Any) -> Sample:
     )
 
 
-def _actuator(named: str | None, folder: Path) -> str | None:
-    """The name of a library actuator, or the path of a file in the folder of the experiment."""
-    if named is None:
-        return None
-    in_folder = folder / named
-    return str(in_folder) if in_folder.is_file() else named
+def beside(named: str | None, folder: Path) -> str | None:
+    """The name of a library actuator, or the path of a file in the folder of the file that names it."""
+    return str(folder / named) if named is not None and (folder / named).is_file() else named
 
 
 def _measured(names: Sequence[str], where: str) -> tuple[str, ...]:
     known = [name for name in CHANNELS if name != "applied_voltage"]
     for name in names:
         if name not in known:
-            raise InputError(
-                f"unknown channel {name!r}", code="unknown-channel", where=where, repair=suggest(name, MEASURABLE)
-            )
+            raise unknown_name("channel", name, MEASURABLE, where=where)
     if "displacement" in names and "force" in names:
         raise InputError(
             "displacement and force cannot be measured in one run: the load cell holds the tip",
@@ -346,7 +337,7 @@ def _steps(names: Sequence[str] | None, where: str) -> tuple[str, ...] | None:
         return None
     for name in names:
         if name not in STEPS:
-            raise InputError(f"unknown step {name!r}", code="unknown-step", where=where, repair=suggest(name, STEPS))
+            raise unknown_name("step", name, STEPS, where=where)
     if "apply" not in names:
         raise InputError("no step applies the signal", code="missing-key", where=where, repair='add "apply"')
     order = (*STEPS, "hydrate")

@@ -180,9 +180,7 @@ def make_plan(
     try:
         check_measured(rig, ["voltage", *experiment.measured])
     except InputError as error:
-        raise InputError(
-            f"{rig.name}: {error.message}", code=error.code, where=f"{where}: measured", repair=error.repair
-        ) from error
+        raise error.at(f"{where}: measured", f"{rig.name}: {error.message}") from error
     _check_chamber(experiment, rig)
     limits = Limits.from_table(experiment.limits, where=f"{where}: limits")
     steps = planned_steps(experiment, rig)
@@ -278,9 +276,7 @@ def _check_run(run: PlannedRun, rig: Rig, limits: Limits, where: str) -> list[st
         check_rate(rig, run.rate)
         check_modules(rig, run.measured, run.rate)
     except InputError as error:
-        raise InputError(
-            error.message, code=error.code, where=f"{where}: {error.where}", repair=error.repair
-        ) from error
+        raise error.at(f"{where}: {error.where}") from error
     try:
         # The narrower of the two is what the operator has to know.
         strip_first = limits.voltage.most < min(-rig.output.low, rig.output.high)
@@ -290,12 +286,7 @@ def _check_run(run: PlannedRun, rig: Rig, limits: Limits, where: str) -> list[st
         if not strip_first:
             limits.refuse(run.signal, run.duration, run.rate)
     except InputError as error:
-        raise InputError(
-            f"{shortened(str(run.signal))}: {error.message}",
-            code=error.code,
-            where=f"{where}: signal",
-            repair=error.repair,
-        ) from error
+        raise error.at(f"{where}: signal", f"{shortened(str(run.signal))}: {error.message}") from error
     remarks = limits.remarks(run.signal, run.duration, run.rate)
     return [f"{shortened(str(run.signal))}: {text}" for text in remarks if run.purpose == "signal"]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from ipmclab.errors import InputError
+from ipmclab.errors import InputError, missing_key
 from ipmclab.rig.chambers.settings import MOST_PATIENCE, ChamberSettings
 from ipmclab.units import RELATIVE_HUMIDITY, TEMPERATURE, TIME, Quantity, parse_quantity
 
@@ -138,16 +138,9 @@ def _check_line(table: ChamberTable, where: str) -> None:
 def _check_keys(table: ChamberTable, where: str) -> None:
     needed, example = _NEEDS.get(table.driver, ("", ""))
     if needed and getattr(table, needed) is None:
-        raise InputError(
-            "this key is missing", code="missing-key", where=f"{where}.{needed}", repair=f"add {needed} = {example}"
-        )
+        raise missing_key(f"{where}.{needed}", f"add {needed} = {example}")
     if table.driver == "dew-point" and table.relative_humidity is None:
-        raise InputError(
-            "this key is missing",
-            code="missing-key",
-            where=f"{where}.relative_humidity",
-            repair='add relative_humidity = ["5 percent", "95 percent"]',
-        )
+        raise missing_key(f"{where}.relative_humidity", 'add relative_humidity = ["5 percent", "95 percent"]')
     if table.driver == "modbus" and table.unit != 1:
         raise InputError(
             f"unit is {table.unit} here, and the table of the registers has a unit_id of its own",
@@ -170,11 +163,8 @@ def _temperatures(table: ChamberTable, where: str) -> tuple[float, float] | None
         return _range(table.temperature, TEMPERATURE, _TEMPERATURES, f"{where}.temperature")
     if table.driver in ("virtual", "dew-point"):
         return None
-    raise InputError(
-        "this key is missing",
-        code="missing-key",
-        where=f"{where}.temperature",
-        repair='add temperature = ["10 degC", "60 degC"]: the chamber is never set beyond',
+    raise missing_key(
+        f"{where}.temperature", 'add temperature = ["10 degC", "60 degC"]: the chamber is never set beyond'
     )
 
 

@@ -8,7 +8,7 @@ from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from ipmclab.errors import InputError, suggest
+from ipmclab.errors import InputError, suggest, unknown_name
 from ipmclab.rig.channels import Channel, Converter, FourProbe, Output, Rig, Thermometer, VirtualStrip
 from ipmclab.rig.files.chamber import chamber_settings
 from ipmclab.rig.files.wiring import check_wiring
@@ -133,12 +133,7 @@ def _check_channel_names(channels: Any, where: str) -> None:
                 repair="describe its resistance thermometer in [thermometer]",
             )
         if name not in RIG_CHANNELS:
-            raise InputError(
-                f"unknown channel {name!r}",
-                code="unknown-channel",
-                where=f"{where}: channels.{name}",
-                repair=suggest(name, RIG_CHANNELS),
-            )
+            raise unknown_name("channel", name, RIG_CHANNELS, where=f"{where}: channels.{name}")
 
 
 def _rig(table: RigTable, place: _Place, folder: Path | None) -> Rig:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from ipmclab.destination import replacing
+from ipmclab.destination import write_text
 from ipmclab.rig.channels import Channel, FourProbe, Output, Rig, Thermometer, VirtualStrip
 from ipmclab.rig.files.chamber import chamber_table
 from ipmclab.rig.files.rig_file import NI_9205_NOISE
@@ -17,9 +17,7 @@ from ipmclab.units import (
     RESISTANCE,
     TEMPERATURE,
     VOLTAGE,
-    Quantity,
-    format_quantity,
-    parse_quantity,
+    readable_quantity,
 )
 
 
@@ -35,9 +33,7 @@ def write_rig(rig: Rig, path: str | Path, *, overwrite: bool = False) -> None:
     IpmclabError
         The system refuses to write there.
     """
-    text = rig_to_text(rig)
-    with replacing(path, overwrite=overwrite) as temporary:
-        temporary.write_text(text, encoding="utf-8", newline="\n")
+    write_text(rig_to_text(rig), path, overwrite=overwrite)
 
 
 def rig_to_text(rig: Rig) -> str:
@@ -54,9 +50,9 @@ def rig_to_text(rig: Rig) -> str:
     table: dict[str, Any] = {"name": rig.name, "bench": rig.bench}
     if rig.address is not None:
         table["address"] = rig.address
-    table["shunt_resistance"] = _text(rig.shunt_resistance, RESISTANCE)
+    table["shunt_resistance"] = readable_quantity(rig.shunt_resistance, RESISTANCE)
     if rig.source_resistance:
-        table["source_resistance"] = _text(rig.source_resistance, RESISTANCE)
+        table["source_resistance"] = readable_quantity(rig.source_resistance, RESISTANCE)
     table["voltage_sensed"] = rig.voltage_sensed
     table["output"] = _output(rig.output)
     table["channels"] = {channel.name: _channel(channel) for channel in rig.channels}
@@ -72,13 +68,13 @@ def rig_to_text(rig: Rig) -> str:
 
 
 def _output(output: Output) -> dict[str, Any]:
-    range_ = [_text(output.low, VOLTAGE), _text(output.high, VOLTAGE)]
+    range_ = [readable_quantity(output.low, VOLTAGE), readable_quantity(output.high, VOLTAGE)]
     table: dict[str, Any] = {"physical": output.physical} if output.physical else {}
     table["range"] = range_
     if output.amplifier:
         table["amplifier"] = output.amplifier
     if output.current_limit is not None:
-        table["current_limit"] = _text(output.current_limit, CURRENT)
+        table["current_limit"] = readable_quantity(output.current_limit, CURRENT)
     return table
 
 
@@ -87,27 +83,27 @@ def _channel(channel: Channel) -> dict[str, Any]:
     table: dict[str, Any] = {"physical": channel.physical} if channel.physical else {}
     if channel.terminal != "differential":
         table["terminal"] = channel.terminal
-    table["range"] = [_text(converter.low, VOLTAGE), _text(converter.high, VOLTAGE)]
+    table["range"] = [readable_quantity(converter.low, VOLTAGE), readable_quantity(converter.high, VOLTAGE)]
     if converter.noise != NI_9205_NOISE.get(converter.high):
-        table["noise"] = _text(converter.noise, VOLTAGE)
+        table["noise"] = readable_quantity(converter.noise, VOLTAGE)
     if channel.name != "voltage" or (channel.gain, channel.offset) != (1.0, 0.0):
         table["scale"] = _points(channel)
     if channel.sensor_range is not None:
-        table["sensor_range"] = [_text(end, quantity) for end in channel.sensor_range]
+        table["sensor_range"] = [readable_quantity(end, quantity) for end in channel.sensor_range]
     for key, value in (("sensor_noise", channel.sensor_noise), ("rest", channel.rest)):
         if value:
-            table[key] = _text(value, quantity)
+            table[key] = readable_quantity(value, quantity)
     if channel.lost is not None:
-        table["lost"] = _text(channel.lost, VOLTAGE)
+        table["lost"] = readable_quantity(channel.lost, VOLTAGE)
     if channel.zeroed:
         table["zeroed"] = True
     if channel.calibrated is not None:
         table["calibrated"] = channel.calibrated
     if channel.uncertainty:
-        table["uncertainty"] = _text(channel.uncertainty, quantity)
+        table["uncertainty"] = readable_quantity(channel.uncertainty, quantity)
     table |= {key: text for key, text in (("instrument", channel.instrument), ("interface", channel.interface)) if text}
     if channel.sensor_resolution:
-        table["sensor_resolution"] = _text(channel.sensor_resolution, quantity)
+        table["sensor_resolution"] = readable_quantity(channel.sensor_resolution, quantity)
     return table
 
 
@@ -126,25 +122,28 @@ def _points(channel: Channel) -> list[list[str]]:
         error = abs(gain / channel.gain - 1.0) + abs(q0 - gain * v0 - channel.offset)
         if error < least:
             best, least = (v0, v1), error
-    return [[_text(v, VOLTAGE), _text(channel.gain * v + channel.offset, channel.quantity)] for v in best]
+    return [
+        [readable_quantity(v, VOLTAGE), readable_quantity(channel.gain * v + channel.offset, channel.quantity)]
+        for v in best
+    ]
 
 
 def _thermometer(meter: Thermometer) -> dict[str, Any]:
     return {
         **({"physical": meter.physical} if meter.physical else {}),
-        "resistance": _text(meter.resistance, RESISTANCE),
+        "resistance": readable_quantity(meter.resistance, RESISTANCE),
         "wires": meter.wires,
-        "current": _text(meter.current, CURRENT),
+        "current": readable_quantity(meter.current, CURRENT),
     }
 
 
 def _four_probe(probe: FourProbe) -> dict[str, Any]:
     return {
         **({"physical": probe.physical} if probe.physical else {}),
-        "spacing": _text(probe.spacing, LENGTH),
-        "current": _text(probe.current, CURRENT),
+        "spacing": readable_quantity(probe.spacing, LENGTH),
+        "current": readable_quantity(probe.current, CURRENT),
         "contacts": probe.contacts,
-        "offset": _text(probe.offset, RESISTANCE),
+        "offset": readable_quantity(probe.offset, RESISTANCE),
     }
 
 
@@ -152,17 +151,10 @@ def _virtual(strip: VirtualStrip) -> dict[str, Any]:
     return {
         "actuator": strip.actuator,
         "seed": strip.seed,
-        "temperature": _text(strip.temperature, TEMPERATURE),
-        "relative_humidity": _text(strip.relative_humidity, RELATIVE_HUMIDITY),
+        "temperature": readable_quantity(strip.temperature, TEMPERATURE),
+        "relative_humidity": readable_quantity(strip.relative_humidity, RELATIVE_HUMIDITY),
         "hydrated": strip.hydrated,
         "load": strip.load,
-        "preload_drift": _text(strip.preload_drift, FORCE),
-        "meter_offset": _text(strip.meter_offset, RESISTANCE),
+        "preload_drift": readable_quantity(strip.preload_drift, FORCE),
+        "meter_offset": readable_quantity(strip.meter_offset, RESISTANCE),
     }
-
-
-def _text(value: float, quantity: Quantity) -> str:
-    """In the unit that people read where that gives the same float, else in SI."""
-    readable = f"{quantity.to_display(value):.15g} {quantity.display_unit}"
-    same = parse_quantity(readable, quantity, where="") == value
-    return readable if same else format_quantity(value, quantity)

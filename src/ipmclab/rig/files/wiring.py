@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final
 
-from ipmclab.errors import InputError
+from ipmclab.errors import InputError, missing_key
 from ipmclab.rig.channels import Rig
 
 _NAME: Final = re.compile(r"(?P<module>[A-Za-z][\w-]*)/(?P<kind>ai|ao)(?P<number>\d{1,3})")
@@ -52,7 +52,7 @@ def check_wiring(rig: Rig, *, where: str) -> None:
         example = f"cDAQ1Mod1/{wire.kind}0"
         if not wire.physical:
             if rig.bench == "ni":
-                raise InputError("this key is missing", code="missing-key", where=place, repair=f'add "{example}"')
+                raise missing_key(place, f'add "{example}"')
             continue
         match = _NAME.fullmatch(wire.physical)
         if match is None or match["kind"] != wire.kind:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final, Literal, get_args
 
-from ipmclab.errors import InputError, suggest
+from ipmclab.errors import InputError, suggest, unknown_name
 from ipmclab.units import (
     CHARGE,
     CURRENT,
@@ -202,7 +202,7 @@ def _read(given: Any, default: Limit, name: str, place: str) -> Limit:
         for key, value in given.items():
             at = f"{place}.{key}"
             if key not in known:
-                raise InputError(f"unknown key {key!r}", code="unknown-key", where=at, repair=suggest(key, known))
+                raise unknown_name("key", key, known, where=at)
             text = _text(value, at)
             if key == "action":
                 values[key] = text

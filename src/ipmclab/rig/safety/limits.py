@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from ipmclab.errors import InputError, suggest
+from ipmclab.errors import InputError, unknown_name
 from ipmclab.rig.request import chunks
 from ipmclab.rig.safety.limit import (
     _HUMIDITY,
@@ -155,12 +155,7 @@ class Limits:
             if key == "slew":
                 values[key] = None if given == _OFF else parse_quantity(_text(given, place), SLEW_RATE, where=place)
             elif key not in QUANTITIES:
-                raise InputError(
-                    f"unknown key {key!r}",
-                    code="unknown-key",
-                    where=place,
-                    repair=suggest(key, [field.name for field in fields(cls)]),
-                )
+                raise unknown_name("key", key, [field.name for field in fields(cls)], where=place)
             elif given == _OFF:
                 if key == "voltage":
                     raise InputError(

@@ -12,6 +12,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+from ipmclab.checksum import file_checksum
 from ipmclab.errors import InputError, IpmclabError
 from ipmclab.store.catalogue.range import seconds_of
 from ipmclab.store.document import FORMAT, FORMAT_VERSION, to_document
@@ -58,8 +59,7 @@ def read_facts(path: Path) -> FileFacts:
     """
     try:
         before = path.stat()
-        with path.open("rb") as stream:
-            digest = hashlib.file_digest(stream, "sha256").hexdigest()
+        digest = file_checksum(path)
         facts = _quick_facts(path)
         if facts is None:
             facts = _facts_of_run(path)  # also says what is wrong with the file

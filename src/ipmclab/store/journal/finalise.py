@@ -6,7 +6,6 @@ with it. Doing it again, also after it was killed at any moment, gives the same 
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
 import subprocess
@@ -19,7 +18,7 @@ from typing import Any, BinaryIO, Literal
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.checksum import ArrayChecksum, content_checksum
+from ipmclab.checksum import ArrayChecksum, content_checksum, file_checksum
 from ipmclab.errors import InputError, IpmclabError
 from ipmclab.platform import (
     detached,
@@ -195,7 +194,7 @@ def _deal_with(journal: Path, stream: BinaryIO, laboratory: Laboratory) -> tuple
         state=layout.metadata.state or "",
         note=layout.metadata.state_reason or "",
         rows=rows,
-        sha256=_sha256(target),
+        sha256=file_checksum(target),
     )
     return finished, laboratory.archive / f"{uuid}.runj"
 
@@ -310,11 +309,6 @@ def _digest_of(variable: Any) -> str:
         piece: npt.NDArray[Any] = np.asarray(variable[start : start + CHUNK_ROWS])
         checksum.update(piece)
     return checksum.digest()
-
-
-def _sha256(path: Path) -> str:
-    with path.open("rb") as stream:
-        return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
 def main(arguments: list[str]) -> None:
