@@ -205,6 +205,15 @@ class DriftingProblem(Changed):
         found[:, inside] = (own - projection.taken @ (projection.basis.T @ own)).T
         return found
 
+    def moved(self, key: Key, rows: FloatArray) -> FloatArray:
+        """By how much the residuals change with the readings: the slope that those at 0 V show changes with them."""
+        if key not in self.zeros:
+            return rows
+        found, inside = rows.copy(), self.zeros[key].inside
+        projection, own = self.projections[key], found[:, inside]
+        found[:, inside] = own - own @ projection.by_rows @ projection.columns.T
+        return self.whitened(key, found)
+
     def squares(self, key: Key, residual: FloatArray) -> float:
         """Those of the readings about the best zero and slope.
 

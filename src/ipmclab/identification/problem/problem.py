@@ -184,6 +184,17 @@ class Problem:
         """Rows of one output of one run, shape (n, n_readings), as the noise of this problem weighs them."""
         return rows
 
+    def moved(self, key: tuple[int, str], rows: FloatArray) -> FloatArray:
+        """By how much the residuals of one output of one run change where its readings do, shape (n, n_readings).
+
+        Parameters
+        ----------
+        key : (place, output)
+        rows : float array, shape (n, n_readings)
+            Old less new readings, over the noise of each.
+        """
+        return self.whitened(key, rows)
+
     def squares(self, key: tuple[int, str], residual: FloatArray) -> float:  # noqa: ARG002 - no sensor is known here
         """Sum of the squares that a residual of one output of one run leaves, what is known of its sensor aside."""
         return float(residual @ residual)
