@@ -356,7 +356,7 @@ def _of_strips(expected: Estimate, design: FloatArray, strips: Sequence[str]) ->
     """What a new strip will read, known no better than by as many strips as there are.
 
     Where the strips of a few come out more alike than repeats are, the approximation by Satterthwaite counts repeats:
-    of 3 to 5 strips that differed its 95 % held the next one in 90 to 94 %, and named one as unlike in up to 13 %.
+    of 3 to 5 strips that differed its 95 % held the next one in 90 to 96 %, and named one as unlike in up to 13 %.
     """
     return replace(expected, freedom=min(expected.freedom, _freedom_of_strips(design, strips)))
 
