@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from ipmclab.choosing.blocks import run_blocks, time_blocks
-from ipmclab.choosing.held_out import Division, Fold, held_out_rmse, hold_out, score_blocks
+from ipmclab.choosing.held_out import Division, Fold, held_out_rmse, hold_out, judged_held_out, score_blocks
 from ipmclab.choosing.noise import FadingNoise, Part
 from ipmclab.identification.problem.record import as_read, prepare
 from ipmclab.identification.uncertainty import interval
@@ -65,7 +65,7 @@ def dense(
 def test_a_block_of_a_run_is_judged_by_what_was_seen_on_both_sides() -> None:
     divided = division(whole_runs=False)
     folds = (fold_of(divided), fold_of(divided))
-    found = score_blocks(folds, divided, {"current": NOISE})
+    found, _ = score_blocks(folds, divided, {"current": NOISE})
     for number, block in enumerate(divided.blocks):
         key = block.run, "current"
         residual = folds[block.fold].residuals[key].residual
@@ -78,7 +78,7 @@ def test_a_block_of_a_run_is_judged_by_what_was_seen_on_both_sides() -> None:
 def test_the_blocks_of_a_whole_run_add_up_to_it() -> None:
     divided = division(whole_runs=True)
     folds = (fold_of(divided), fold_of(divided))
-    found = score_blocks(folds, divided, {"current": NOISE})
+    found, _ = score_blocks(folds, divided, {"current": NOISE})
     for place in range(2):
         mine = [number for number, block in enumerate(divided.blocks) if block.run == place]
         series = folds[divided.blocks[mine[0]].fold].residuals[place, "current"]
@@ -90,7 +90,7 @@ def test_parameters_that_are_not_known_widen_the_prediction() -> None:
     """Of a whole run, and of a block: the dense covariance with the outer product of the columns."""
     divided = division(whole_runs=True)
     folds = (fold_of(divided, 3), fold_of(divided, 3))
-    found = score_blocks(folds, divided, {"current": NOISE})
+    found, _ = score_blocks(folds, divided, {"current": NOISE})
     mine = [number for number, block in enumerate(divided.blocks) if block.run == 0]
     number = divided.blocks[mine[0]].fold
     fold, key, other = folds[number], (0, "current"), (1, "current")
@@ -103,6 +103,28 @@ def test_parameters_that_are_not_known_widen_the_prediction() -> None:
     off = fold.slopes[key] @ np.linalg.cholesky(covariance)
     wanted = dense(divided, key, np.arange(ROWS), fold.residuals[key].residual, off)
     assert found.score[mine].sum() == pytest.approx(wanted, rel=1e-6)
+
+
+def test_what_the_parameters_of_a_fold_may_be_off_by_is_no_noise() -> None:
+    """A fit that hardly saw an edge is wrong at each edge of the run that was held out, and as sure of all else."""
+    divided = division(whole_runs=True)
+    edges = np.exp(-20.0 * (np.arange(ROWS) * 0.05 % 1.0))[:, None]
+    scores = []
+    for size in (0.0, 0.2):
+        folds = []
+        for number in range(2):
+            noise = np.random.default_rng([SEED, number]).standard_normal((2, ROWS))
+            held = {block.run for block in divided.blocks if block.fold == number}
+            residuals = {
+                key: divided.series(key, 0.01 * noise[key[0]] + size * edges[:, 0] * (key[0] in held))
+                for key in divided.keys
+            }
+            slopes = {key: edges * (1.0 if key[0] in held else 0.03) for key in divided.keys}
+            folds.append(Fold(residuals, slopes, dict.fromkeys(divided.keys, 100.0)))
+        noise_of, said = judged_held_out(folds, divided)
+        assert noise_of["current"].parts == ()
+        scores.append(float(said.score.sum()))
+    assert scores[1] == pytest.approx(scores[0], abs=4.0)
 
 
 @pytest.mark.parametrize("whole_runs", [False, True])

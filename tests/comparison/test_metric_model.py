@@ -131,6 +131,35 @@ def test_a_strip_unlike_the_others_is_named_and_none_where_all_are_alike() -> No
     assert not any(one.is_unlike for one in others)
 
 
+def test_the_next_strip_is_known_by_strips_though_they_are_more_alike_than_repeats() -> None:
+    """Which chance does to few strips that differ: repeats, of which there are more, say nothing of another strip."""
+    from scipy.stats import t as student
+
+    sizes = {"a": (1.00, 1.21), "b": (1.22, 1.01), "c": (1.01, 1.20), "d": (1.20, 1.00)}
+    model = modelled([row(1e-3 * size, sample=name) for name, both in sizes.items() for size in both])
+    one = model.fit.new_reading([1.0])
+    assert one.freedom > 5.0
+    found = model.next_strip({})
+    assert found is not None
+    assert math.log(found[1][1] / found[0]) == pytest.approx(float(student.ppf(0.975, 3)) * one.standard_error)
+
+
+def test_of_few_strips_that_are_alike_hardly_any_is_named() -> None:
+    """Four in two thicknesses and two humidities; by the freedom of the fit alone 49 of these campaigns name one."""
+    draw, named = np.random.default_rng(20261129), 0
+    for _ in range(300):
+        rows = []
+        for strip in range(4):
+            own = 0.3 * draw.normal()
+            for humidity in (60.0, 80.0):
+                size = 1e-3 * math.exp(own + 0.1 * draw.normal())
+                rows.append(
+                    row(size, sample=f"{strip}", thickness=(0.18 + 0.07 * (strip % 2)) * 1e-3, humidity=humidity)
+                )
+        named += any(one.is_unlike for one in modelled(rows).strip_deviations())
+    assert named <= 20
+
+
 def test_too_few_runs_make_no_model() -> None:
     assert model_metric("displacement.largest", "step", [row(1.0), row(2.0)], EVERY) is None
     assert model_metric("displacement.largest", "step", [row(1.0)] * 5, EVERY) is None

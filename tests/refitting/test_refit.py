@@ -99,6 +99,20 @@ def test_it_finds_other_strips(fit: Fit) -> None:
         assert same[name][0] == pytest.approx(fit.parameters[name].value, rel=1e-6)
 
 
+def test_the_slope_of_a_sensor_is_that_of_the_new_readings() -> None:
+    """What their rows at 0 V show, not what those of the fit did."""
+    signal, rows = "step 1 V delay=4 s", 500
+    clean = simulate(FRIEND, signal, duration=50.0, rate=10.0)
+    assert clean.current is not None
+    drift = 2e-5 * clean.time + NOISE * np.random.default_rng(SEED).standard_normal(rows)
+    fit = identify(FRIEND, replace(clean, current=clean.current + drift))
+    assert any(zero.terms.trend and zero.rest.error < np.inf for zero in fitted(fit).problem.zeros.values())  # type: ignore[attr-defined]
+    leaks = [40.0, 50.0]
+    others = simulate_many(FRIEND, signal, {ELECTRICAL[-1]: leaks}, duration=50.0, rate=10.0)["current"]
+    others = others + np.array([[0.0], [-5e-5]]) * clean.time
+    assert refit(fit, [{"current": others}])[ELECTRICAL[-1]] == pytest.approx(leaks, rel=1e-4)
+
+
 def test_rows_that_the_fit_did_not_use_may_hold_anything() -> None:
     first, second = runs()
     assert first.current is not None

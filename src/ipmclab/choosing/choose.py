@@ -14,10 +14,9 @@ from ipmclab.choosing.compare import HeldOut
 from ipmclab.choosing.held_out import (
     Division,
     Fold,
-    held_out_noise,
     held_out_rmse,
     hold_out,
-    score_blocks,
+    judged_held_out,
 )
 from ipmclab.choosing.models import FEWEST, free_of, named_models, refuse_unknown, words_of
 from ipmclab.choosing.ranking import none_compared, ranked_choice
@@ -176,8 +175,7 @@ def _judged(
 ) -> tuple[Candidate, HeldOut]:
     """A model with what it says of the readings that were held out; ``stages`` are those that not every model has."""
     assert one.fit is not None
-    noise = held_out_noise(parts, division)
-    said = score_blocks(parts, division, noise)
+    noise, said = judged_held_out(parts, division)
     judged = replace(
         one,
         log_predictive=float(said.score.sum()),

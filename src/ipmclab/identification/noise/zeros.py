@@ -205,6 +205,14 @@ class DriftingProblem(Changed):
         found[:, inside] = (own - projection.taken @ (projection.basis.T @ own)).T
         return found
 
+    def moved(self, key: Key, rows: FloatArray) -> FloatArray:
+        """By how much the residuals change with the readings: the slope that those at 0 V show changes with them."""
+        if key not in self.zeros:
+            return rows
+        found, inside, projection = rows.copy(), self.zeros[key].inside, self.projections[key]
+        found[:, inside] -= found[:, inside] @ projection.by_rows @ projection.columns.T
+        return self.whitened(key, found)
+
     def squares(self, key: Key, residual: FloatArray) -> float:
         """Those of the readings about the best zero and slope.
 

@@ -184,6 +184,10 @@ class Problem:
         """Rows of one output of one run, shape (n, n_readings), as the noise of this problem weighs them."""
         return rows
 
+    def moved(self, key: tuple[int, str], rows: FloatArray) -> FloatArray:
+        """By how much residuals change where readings do: ``rows`` are old less new readings over their noise."""
+        return self.whitened(key, rows)
+
     def squares(self, key: tuple[int, str], residual: FloatArray) -> float:  # noqa: ARG002 - no sensor is known here
         """Sum of the squares that a residual of one output of one run leaves, what is known of its sensor aside."""
         return float(residual @ residual)

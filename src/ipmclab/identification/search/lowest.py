@@ -17,8 +17,8 @@ from ipmclab.identification.search.along import along_valleys
 from ipmclab.identification.search.as_good import allowed_places
 from ipmclab.identification.search.descent import LONGEST, SHORTLY, at_floor, minimum, minimum_near, to_the_end, weigh
 from ipmclab.identification.search.doublet import COUPLING, without_doublet
-from ipmclab.identification.search.edges import between_other_rows
 from ipmclab.identification.search.pose import entries_at, is_size_of_leak, problem_at, without_leak
+from ipmclab.identification.search.searched_run import moves_of_rows
 from ipmclab.identification.search.solve import Solution
 from ipmclab.identification.search.starts.start import StartingPoint, known_first, starting_points
 from ipmclab.identification.search.starts.start_in_state import in_one_state, moved_back, there_alone
@@ -32,6 +32,8 @@ from ipmclab.run import FloatArray
 
 _TOO_SMALL: Final = 1e-3
 """Of the size of a leak that the readings suggest: it adds nothing to a circuit that was found without it."""
+
+_LOWER: Final = 1e-3  # of chi-square: what lies lower by less is the same minimum
 
 
 def find_minima(
@@ -117,6 +119,37 @@ def _search(
     return weighed, best, Minima(tuple(rivals), allowed_places(weighed, best, valley), tuple(ends), walked)
 
 
+def between_other_rows(problem: Problem, solution: Solution) -> list[Solution]:
+    """The fit and others with the edges of one record, or of all, a row earlier or later, the lowest first.
+
+    At a row the current jumps: no step of a search goes over one. Poles and residues have said between which rows edges
+    lie, by circuits of which some cannot exist. Those that can are asked here; from a lower minimum all again.
+    """
+    edges = [
+        column
+        for column, unknown in enumerate(problem.unknowns)
+        if unknown.base == "observation.delay" and "current" in problem.record_at(int(unknown.place or 0)).readings
+    ]
+    found = [solution]
+    asked: set[tuple[float, ...]] = set()
+    while edges:
+        best = found[0]
+        rows = np.ceil(best.theta[edges])
+        asked.add(tuple(rows))
+        beside = []
+        for moved in moves_of_rows(rows):
+            if tuple(moved) in asked:
+                continue
+            asked.add(tuple(moved))
+            theta = best.theta.copy()
+            theta[edges] = np.where(moved == rows, theta[edges], moved - 0.5)
+            beside.append((problem, minimum(problem, theta, evaluations=SHORTLY)))
+        found = [one for _, one in to_the_end([*((problem, one) for one in found), *beside])]
+        if not found[0].evaluation.cost < best.evaluation.cost - _LOWER:
+            break
+    return found
+
+
 def _posed(
     actuator: Actuator, names: FreeParameters, records: Sequence[PreparedRun], points: Sequence[StartingPoint]
 ) -> list[tuple[Problem, FloatArray]]:
@@ -129,7 +162,7 @@ def _posed(
 def _lowest_of(problem: Problem, solution: Solution, valley: Sequence[Place]) -> Solution:
     """A minimum, or the lower one that lies along its valleys."""
     lowest = min((place.solution for place in valley), key=lambda other: other.evaluation.cost, default=solution)
-    is_lower = lowest.evaluation.cost < solution.evaluation.cost - 1e-3
+    is_lower = lowest.evaluation.cost < solution.evaluation.cost - _LOWER
     return minimum(problem, lowest.theta) if is_lower else solution
 
 
