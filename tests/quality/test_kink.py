@@ -80,3 +80,10 @@ def test_the_real_record(real_runs: Path) -> None:
     # Row 677 is where the current comes back; rates are told by ten rows before and after.
     assert abs(finding.samples[0][0] - 677) <= 5
     assert finding.effect == "mask"
+
+
+def test_the_rounding_of_a_reading_that_stands_is_no_jump() -> None:
+    time = 0.02 * np.arange(2000)
+    standing = np.full(2000, 1e-3)
+    standing[1500:] += np.spacing(1e-3) * np.arange(500)
+    assert jumps(Run.from_arrays(time=time, voltage=np.where(time >= 1.0, 1.0, 0.0), displacement=standing)) == []

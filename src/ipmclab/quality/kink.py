@@ -51,7 +51,9 @@ def _first(record: Record, channel: Channel, start: int, end: int) -> Finding | 
     if np.count_nonzero(known) < _SHORTEST // 2:
         return None
     of_noise = channel.noise * np.sqrt(2.0 / (place @ place)) / period
-    usual = max(1.4826 * float(np.median(size[known])), float(of_noise), channel.quantum / (RATE_ROWS * period))
+    of_rounding = np.finfo(float).eps * float(np.nanmax(np.abs(readings))) / period  # of a constant reading, too
+    of_sensor = max(float(of_noise), channel.quantum / (RATE_ROWS * period))
+    usual = max(1.4826 * float(np.median(size[known])), of_sensor, of_rounding)
     for top in np.argsort(np.where(known, -size, 0.0))[:RATE_ROWS]:
         if size[top] <= _LEAST * usual:
             return None
