@@ -1,9 +1,10 @@
-"""Whether the suite holds with every Python that the README names, and with the oldest libraries that are asked for.
+"""Whether the suite holds with every Python that the README names, and with the oldest and the newest libraries.
 
 Run ``python -m benchmarks.versions [--python 3.13 ...] [--record] [PATH ...]``. Each Python of 3.11 to 3.14 that is
-installed here has an environment of its own under ``build/``, with the versions that ``pyproject.toml`` pins. One more
-has the oldest version of each library that the project names: who installs ipmclab beside other work may have that one.
-Their warnings are no errors. An environment takes a minute, the suite as long as always.
+installed here has an environment of its own under ``build/``, with the versions that ``pyproject.toml`` pins. Who
+installs ipmclab into an environment of their own has others: there the oldest Python has the oldest version of each
+library that the project names, and the newest Python the newest ones. Warnings of these are no errors. An environment
+takes a minute, the suite as long as always.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ import re
 import subprocess
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Final, Literal
 
 from benchmarks.harness import finish
 
@@ -28,18 +29,21 @@ EXTRAS: Final = "bayes,chamber,cluster,control,crate,ni,postgres,sweep,tdms"
 SHOWN: Final = ("numpy", "scipy", "numba", "xarray", "typer")
 """Libraries whose versions stand in the table."""
 
+Libraries = Literal["pinned", "oldest", "newest"]
+_RESOLUTIONS: Final = {"oldest": "lowest-direct", "newest": "highest"}
+
 
 @dataclass(frozen=True)
 class Environment:
     """One Python with its libraries, in a folder of its own."""
 
     python: str
-    lowest: bool
+    has: Libraries = "pinned"
 
     @property
     def folder(self) -> Path:
         """Where it is made."""
-        return ROOT / "build" / "versions" / f"{self.python}{'-lowest' if self.lowest else ''}"
+        return ROOT / "build" / "versions" / f"{self.python}-{self.has}"
 
     @property
     def interpreter(self) -> str:
@@ -48,19 +52,18 @@ class Environment:
 
     def make(self) -> None:
         """Install everything: uv keeps what it has fetched."""
-        if not self.lowest:
+        if self.has == "pinned":
             made = {**os.environ, "UV_PROJECT_ENVIRONMENT": str(self.folder)}
             _uv("sync", "--quiet", "--group", "docs", "--python", self.python, environment=made)
             return
         _uv("venv", "--quiet", "--clear", "--python", self.python, str(self.folder))
         install = ("pip", "install", "--quiet", "--no-config", "--python", self.interpreter)
-        _uv(
-            *install, "--resolution", "lowest-direct", "--editable", f".[{EXTRAS}]", "--group", "dev", "--group", "docs"
-        )
+        every = ("--editable", f".[{EXTRAS}]", "--group", "dev", "--group", "docs")
+        _uv(*install, "--resolution", _RESOLUTIONS[self.has], *every)
 
     def suite(self, paths: list[str]) -> str:
         """What pytest says at its end: failures, and how many held."""
-        warned = ["-W", "default", "-p", "no:warnings"] if self.lowest else []
+        warned = [] if self.has == "pinned" else ["-W", "default", "-p", "no:warnings"]
         command = [self.interpreter, "-m", "pytest", "-q", "--tb=short", *warned, *paths]
         return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False).stdout
 
@@ -69,8 +72,8 @@ class Environment:
         ask = f"import platform, importlib.metadata as m; print(platform.python_version(), *map(m.version, {SHOWN}))"
         said = subprocess.run([self.interpreter, "-c", ask], capture_output=True, text=True, check=True)
         python, *versions = said.stdout.split()
-        oldest = "oldest libraries: " if self.lowest else ""
-        return f"Python {python}, {oldest}{', '.join(' '.join(one) for one in zip(SHOWN, versions, strict=True))}"
+        named = ", ".join(" ".join(one) for one in zip(SHOWN, versions, strict=True))
+        return f"Python {python}, {self.has} libraries: {named}"
 
 
 def _uv(*words: str, environment: dict[str, str] | None = None) -> None:
@@ -94,21 +97,19 @@ def row(environment: Environment, said: str) -> str:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("paths", nargs="*", help="tests, the whole suite when left out")
-    parser.add_argument("--python", nargs="+", default=PYTHONS, help="with the pinned libraries")
-    parser.add_argument("--lowest", default="3.11", help="the Python for the oldest libraries")
+    parser.add_argument("--python", nargs="+", default=PYTHONS, help="of those that are installed here")
     parser.add_argument("--record", action="store_true", help="write benchmarks/results/versions.md")
     options = parser.parse_args()
-    rows = []
-    for environment in [*(Environment(one, False) for one in options.python), Environment(options.lowest, True)]:
-        if not is_here(environment.python):
-            rows.append(f"* Python {environment.python}: not on this machine")
-            continue
+    rows = [f"* Python {one}: not on this machine" for one in options.python if not is_here(one)]
+    here = [one for one in options.python if is_here(one)]
+    of_others = [Environment(here[0], "oldest"), Environment(here[-1], "newest")] if here else []
+    for environment in [*map(Environment, here), *of_others]:
         environment.make()
         said = environment.suite(options.paths)
         print(said, flush=True)
         rows.append(row(environment, said))
     what = f"`pytest {' '.join(options.paths)}`" if options.paths else "The whole suite"
-    body = f"{what} with several Pythons, and with the oldest libraries.\n\n" + "\n".join(rows)
+    body = f"{what} with several Pythons, and with the oldest and the newest libraries.\n\n" + "\n".join(rows)
     finish("versions", "Pythons and libraries", body, [], record=options.record, gate=False)
 
 
