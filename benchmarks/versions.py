@@ -65,7 +65,9 @@ class Environment:
         """What pytest says at its end: failures, and how many held."""
         warned = [] if self.has == "pinned" else ["-W", "default", "-p", "no:warnings"]
         command = [self.interpreter, "-m", "pytest", "-q", "--tb=short", *warned, *paths]
-        return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False).stdout
+        # This environment is not the one that is active here.
+        own = {name: value for name, value in os.environ.items() if name != "VIRTUAL_ENV"}
+        return subprocess.run(command, cwd=ROOT, env=own, capture_output=True, text=True, check=False).stdout
 
     def libraries(self) -> str:
         """Python and the versions of some libraries."""

@@ -20,6 +20,9 @@ many, and each too short, for an R-hat of their own (Margossian et al. 2024)."""
 LEAST_SIZE: Final = 1000.0
 """Effective samples, of the bulk and of the tails: an end of a 95 % interval is then known to 0.09 of the deviation."""
 
+_TAILS: Final = (0.05, 0.95)
+"""Quantiles whose effective size is that of the tails (Vehtari et al. 2021)."""
+
 LEAST_LENGTHS: Final = 50.0
 """Autocorrelation times that the chains must be long, for these to be known (Foreman-Mackey et al. 2013)."""
 
@@ -85,7 +88,7 @@ def judge(chains: FloatArray, names: Sequence[str], ensembles: int) -> Judgement
         found[name] = Convergence(
             r_hat=float(arviz.rhat(_together(one, ensembles))),
             bulk=float(arviz.ess(one)),
-            tail=float(arviz.ess(one, method="tail")),
+            tail=float(arviz.ess(one, method="tail", prob=_TAILS)),
             autocorrelation_time=time,
         )
     lengths = chains.shape[1] / max(one.autocorrelation_time for one in found.values())

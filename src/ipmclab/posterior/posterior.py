@@ -125,20 +125,23 @@ class Posterior:
 
     @cached_property
     def data(self) -> Any:
-        """The same as ``arviz.InferenceData``: groups ``posterior`` and ``sample_stats``."""
+        """The same as ArviZ has samples, groups ``posterior`` and ``sample_stats``.
+
+        That is ``arviz.InferenceData``, and from its version 1.0 on ``xarray.DataTree``.
+        """
         arviz = bayes_package("arviz")
-        return arviz.from_dict(
-            posterior=dict(self.samples),
-            sample_stats={"lp": self.log_density},
-            posterior_attrs={
-                "actuator": self.actuator,
-                "inference_library": "ipmclab",
-                "inference_library_version": __version__,
-                "runs": [content for _, content in self.runs],
-                "seed": self.seed,
-                "steps": self.steps,
-            },
-        )
+        about = {
+            "actuator": self.actuator,
+            "inference_library": "ipmclab",
+            "inference_library_version": __version__,
+            "runs": [content for _, content in self.runs],
+            "seed": self.seed,
+            "steps": self.steps,
+        }
+        groups = {"posterior": dict(self.samples), "sample_stats": {"lp": self.log_density}}
+        if arviz.__version__.startswith("0."):
+            return arviz.from_dict(**groups, posterior_attrs=about)
+        return arviz.from_dict(groups, attrs={"posterior": about})
 
     def correlation(self, one: str, other: str) -> float:
         """Of two parameters, over all samples."""
