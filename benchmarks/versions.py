@@ -102,8 +102,8 @@ def main() -> None:
     parser.add_argument("--python", nargs="+", default=PYTHONS, help="of those that are installed here")
     parser.add_argument("--record", action="store_true", help="write benchmarks/results/versions.md")
     options = parser.parse_args()
-    rows = [f"* Python {one}: not on this machine" for one in options.python if not is_here(one)]
     here = [one for one in options.python if is_here(one)]
+    rows = [f"* Python {one}: not on this machine" for one in options.python if one not in here]
     of_others = [Environment(here[0], "oldest"), Environment(here[-1], "newest")] if here else []
     for environment in [*map(Environment, here), *of_others]:
         environment.make()

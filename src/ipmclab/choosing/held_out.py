@@ -32,6 +32,7 @@ Key = tuple[int, str]
 """Place of a run, and an output."""
 
 _Explained = Mapping[tuple[int, str], FloatArray]
+"""Of the number of a block, and an output: what its errors have along what the parameters may be off [SI]."""
 
 _AGAIN: Final = 3  # times that the noise is sought in what the parameters leave (a limit)
 
@@ -229,30 +230,28 @@ def held_out_rmse(folds: Sequence[Fold], division: Division) -> dict[str, float]
     """Root mean square of the held-out errors of each output [SI]."""
     found = {}
     for output in division.outputs:
-        errors = np.concatenate([one.residual[one.observed] for one in _held_out(folds, division, output)])
+        errors = np.concatenate([one.residual[one.observed] for one in _held_out(folds, division, output, {})])
         found[output] = math.sqrt(float(np.mean(errors**2)))
     return found
 
 
-def _held_out(
-    folds: Sequence[Fold], division: Division, output: str, explained: _Explained | None = None
-) -> list[ResidualSeries]:
+def _held_out(folds: Sequence[Fold], division: Division, output: str, explained: _Explained) -> list[ResidualSeries]:
     """The errors of each run, every block from the fit that did not see it, less what explains them."""
-    joined, known = [], explained or {}
+    joined = []
     for place in (of_run for of_run, name in division.keys if name == output):
         residual = np.zeros(len(division.records[place].run))
         for number, block in enumerate(division.blocks):
             if block.run == place:
                 rows = slice(block.start, block.stop)
                 own = folds[block.fold].residuals[place, output].residual[rows]
-                residual[rows] = own - known.get((number, output), 0.0)
+                residual[rows] = own - explained.get((number, output), 0.0)
         joined.append(division.series((place, output), residual))
     return joined
 
 
 def score_blocks(
     folds: Sequence[Fold], division: Division, noise: Mapping[str, FadingNoise]
-) -> tuple[HeldOut, dict[tuple[int, str], FloatArray]]:
+) -> tuple[HeldOut, _Explained]:
     """The log predictive density of every block, given the readings that the fit saw.
 
     The noise is autocorrelated, so what the fit saw before and after a block says something of the noise

@@ -64,17 +64,17 @@ def _profile_ends(fit: Fit, name: str, factor: float) -> str:
 
 def print_collinear(fit: Fit) -> None:
     """Print the smallest set of nearly collinear parameters, if there is one."""
+    from ipmclab.fit.rows import listed
     from ipmclab.identification.undetermined.practical import COLLINEAR
 
     sets = fit.practical.sets if fit.practical is not None else ()
     worst = next((one for one in sets if one.index >= COLLINEAR), None)
     if worst is not None:
-        *most, last = worst.names
-        listed = f"{', '.join(most)} and {last}"
+        together = listed(worst.names)
         if math.isfinite(worst.index):
-            print_paragraph(f"{listed} are nearly collinear (collinearity index {worst.index:.2g}).")
+            print_paragraph(f"{together} are nearly collinear (collinearity index {worst.index:.2g}).")
         else:
-            print_paragraph(f"{listed} are collinear: these runs show only a combination of them.")
+            print_paragraph(f"{together} are collinear: these runs show only a combination of them.")
 
 
 def identifiability_document(fit: Fit) -> dict[str, Any]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 import numpy as np
@@ -12,7 +12,7 @@ from ipmclab.confidence import NORMAL_95
 from ipmclab.fit.ages import rates_of
 from ipmclab.fit.fit import Fit
 from ipmclab.fit.rows import listed
-from ipmclab.fit.unmodelled import LEVEL
+from ipmclab.fit.unmodelled import LEVEL, Unmodelled
 from ipmclab.identification.problem.free_run import seen_from_sensor
 from ipmclab.identification.problem.record import PreparedRun, model_hold
 from ipmclab.model import Actuator
@@ -136,12 +136,13 @@ def beyond_fit(fit: Fit, run: Run, label: str) -> list[Finding]:
     resting = rest_rows(run)
     if place_in(fit, run) is not None or resting == len(run):
         return []
-    return [*_longer_than_fit(fit, run, label, resting), *_other_voltages(fit, run, label, resting)]
+    lacking = [one for output, one in fit.unmodelled.items() if output in run.channels]
+    return [*_longer_than_fit(lacking, run, label, resting), *_other_voltages(lacking, run, label, resting)]
 
 
-def _longer_than_fit(fit: Fit, run: Run, label: str, resting: int) -> list[Finding]:
+def _longer_than_fit(lacking: Sequence[Unmodelled], run: Run, label: str, resting: int) -> list[Finding]:
     """That a run is longer under voltage than every run of the fit, so that nothing showed what comes last."""
-    seen = max((one.seen for output, one in fit.unmodelled.items() if output in run.channels), default=0.0)
+    seen = max((one.seen for one in lacking), default=0.0)
     lasts = float(run.time[-1] - run.time[resting])
     if not 0.0 < _LONGER * seen < lasts:
         return []
@@ -157,13 +158,12 @@ def _longer_than_fit(fit: Fit, run: Run, label: str, resting: int) -> list[Findi
     ]
 
 
-def _other_voltages(fit: Fit, run: Run, label: str, resting: int) -> list[Finding]:
+def _other_voltages(lacking: Sequence[Unmodelled], run: Run, label: str, resting: int) -> list[Finding]:
     """That a run is at voltages which no run of the fit was at, so that nothing showed what the strip does there.
 
     A model without a leak answers in proportion, and one with a leak by its law; a fit at one voltage tests neither.
     """
-    asked = [one for output, one in fit.unmodelled.items() if output in run.channels]
-    levels = np.unique([0.0, *(level for one in asked for level in one.levels)])
+    levels = np.unique([0.0, *(level for one in lacking for level in one.levels)])
     largest = float(np.abs(levels).max())
     voltage = run.voltage[resting:]
     if not largest > 0.0:

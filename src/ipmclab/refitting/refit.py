@@ -108,7 +108,7 @@ def _shifts(start: Fitted, pieces: Sequence[tuple[tuple[int, str], FloatArray]],
     for fit in range(count):
         shift = np.zeros_like(start.here.residual)
         for key, differences in pieces:
-            shift[start.problem.pieces[key]] = start.problem.moved(key, differences[fit][None])[0]
+            shift[start.problem.pieces[key]] = start.problem.shift(key, differences[fit][None])[0]
         yield shift
 
 

@@ -205,7 +205,7 @@ class DriftingProblem(Changed):
         found[:, inside] = (own - projection.taken @ (projection.basis.T @ own)).T
         return found
 
-    def moved(self, key: Key, rows: FloatArray) -> FloatArray:
+    def shift(self, key: Key, rows: FloatArray) -> FloatArray:
         """By how much the residuals change with the readings: the slope that those at 0 V show changes with them."""
         if key not in self.zeros:
             return rows

@@ -184,7 +184,7 @@ class Problem:
         """Rows of one output of one run, shape (n, n_readings), as the noise of this problem weighs them."""
         return rows
 
-    def moved(self, key: tuple[int, str], rows: FloatArray) -> FloatArray:
+    def shift(self, key: tuple[int, str], rows: FloatArray) -> FloatArray:
         """By how much residuals change where readings do: ``rows`` are old less new readings over their noise."""
         return self.whitened(key, rows)
 
