@@ -214,18 +214,20 @@ def check(folder: Path, killed: Kill) -> list[str]:
     """What is wrong after a kill, once the folder was recovered."""
     wrong = []
     manner = killed.manner
-    if math.isnan(killed.zero_after) and manner.point is None:
-        return ["the recorder ended before it was killed"]
     if killed.zero_after > WITHIN and manner.victim != "both":
         wrong.append(f"the output was at 0 V after {killed.zero_after:.2f} s")
     seen = len(killed.sent.get("voltage", ()))
     found = list((folder / "laboratory" / "runs").rglob(f"*_{killed.uuid[:8]}.nc"))
+    early = math.isnan(killed.zero_after) and manner.point is None
     if not found:
-        return wrong + ([f"no run, and {killed.acknowledged} rows were acknowledged"] if killed.acknowledged else [])
+        wrong += ["it ended before it was killed, and no run is there"] * early
+        return wrong + [f"no run, and {killed.acknowledged} rows were acknowledged"] * (killed.acknowledged > 0)
     run = read_run(found[0])
     reason = run.metadata.state_reason or ""
-    # A recorder that strace and a busy machine hold up for half a second is ended by its guardian, before the call.
-    held_up = manner.point is not None and "held the recording up" in reason
+    # A recorder that strace or a busy machine holds up for half a second is ended by its guardian, before the kill.
+    held_up = "held the recording up" in reason
+    if early and not held_up:
+        wrong.append("it ended before it was killed")
     if run.metadata.state not in states_of(manner) and not held_up:
         wrong.append(f"its state is {run.metadata.state}: {reason}")
     if "0 V" in reason and "never" not in reason and "NOT" not in reason and math.isinf(killed.zero_after):
