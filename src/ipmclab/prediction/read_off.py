@@ -15,6 +15,7 @@ from ipmclab.identification.problem.record import LONGEST_DELAY, PreparedRun
 from ipmclab.identification.search.starts.start_circuit import zero_of_wave
 from ipmclab.model import Actuator
 from ipmclab.quality.noise import variance_for_means
+from ipmclab.quality.record import Record
 from ipmclab.quality.rows_at_rest import rows_near_zero
 from ipmclab.run import FloatArray, Run
 from ipmclab.statespace.noise_model import NoiseModel
@@ -22,6 +23,8 @@ from ipmclab.statespace.noise_model import NoiseModel
 _FEWEST_AT_REST: Final = 5  # readings, whose mean and scatter say whether a sensor reads zero (convention)
 _MOST_AT_REST: Final = 2000  # readings, the last of them: more would say no more of a zero (convention)
 _SURELY: Final = 3.0  # standard errors of a mean reading (convention)
+_HARDLY: Final = 0.25  # of an offset: until a prediction is as large the strip has not moved much (convention)
+_MOSTLY: Final = 0.5  # of what is missed, or of an offset: what an offset leaves where it is the cause (convention)
 
 
 def sensor_zeros(
@@ -29,7 +32,9 @@ def sensor_zeros(
 ) -> dict[str, float]:
     """What sensors read of a strip at rest: the mean of the readings before the voltage moves, less the answer there.
 
-    The zero of a current without such rows is what its wave shows by itself, as in a fit (``zero_of_wave``).
+    The zero of a current without such rows is what its wave shows by itself, as in a fit (``zero_of_wave``). Where a
+    laser or a load cell reads zero is arbitrary: without such rows it is the offset that is most of what a prediction
+    from rest misses, also before the strip has moved much.
 
     A voltage that begins slowly moves the strip before it counts as on, and that is no zero. One is taken off where it
     is surely no mean of noise, which would only add its error to every reading: neither of the noise that these rows
@@ -52,7 +57,8 @@ def sensor_zeros(
     if not outputs or rows >= len(record.run) - 1:
         return dict.fromkeys(outputs, 0.0)
     if not rows:
-        return {**dict.fromkeys(outputs, 0.0), **({"current": _of_wave(model, record)} if "current" in outputs else {})}
+        moves = _of_motion(model, record, [name for name in outputs if name != "current"])
+        return moves | {"current": _of_wave(model, record)} if "current" in outputs else moves
     answers = np.zeros((len(outputs), rows))
     if np.any(record.run.voltage[:rows]):
         answers = np.asarray(predict(model, record, outputs, 0.0))[:, :rows]
@@ -78,6 +84,26 @@ def _of_wave(model: Actuator, record: PreparedRun) -> float:
     missed = (reading.values - predict(model, record, ["current"], 0.0)[0])[reading.exact]
     left = {(record.place, "current"): float(np.sqrt(np.mean(missed**2))) if len(missed) else 0.0}
     return zero_of_wave(record, model.structure.branches, left) or 0.0
+
+
+def _of_motion(model: Actuator, record: PreparedRun, outputs: Sequence[str]) -> dict[str, float]:
+    """The intercepts of readings over the prediction from rest, which hang on no gain; 0 where they explain little."""
+    found = dict.fromkeys(outputs, 0.0)
+    if not outputs or Record.of(record.run).begins_under_voltage:
+        return found
+    for output, predicted in zip(outputs, predict(model, record, outputs, 0.0), strict=True):
+        reading = record.readings[output]
+        if not reading.exact.any():
+            continue
+        answer = predicted[reading.exact]
+        missed = reading.values[reading.exact] - answer
+        offset = float(np.linalg.lstsq(np.column_stack([np.ones(len(answer)), answer]), missed, rcond=1e-12)[0][0])
+        moves = np.abs(answer) >= _HARDLY * abs(offset)
+        first = missed[: int(np.argmax(moves)) if moves.any() else None]
+        is_there = len(first) > 0 and abs(float(first.mean()) - offset) < _MOSTLY * abs(offset)
+        if is_there and np.linalg.norm(missed - offset) < _MOSTLY * np.linalg.norm(missed):
+            found[output] = offset
+    return found
 
 
 def _zero_of(before: FloatArray, time: FloatArray, fit: Fit | None, output: str) -> float:

@@ -139,8 +139,14 @@ def said_of_run(one: RunValidation) -> list[Finding]:
         found.append(_delay_in_words(one))
     for name, zero in one.zeros.items():
         amount = f"{CHANNELS[name].to_display(zero):.3g} {CHANNELS[name].display_unit}"
-        shown = "the mean before the voltage first moves" if rows_that_show_zero(one.run) else "which its wave shows"
-        source = "as in the fit" if one.used_in_fit else shown
+        if one.used_in_fit:
+            source = "as in the fit"
+        elif rows_that_show_zero(one.run):
+            source = "the mean before the voltage first moves"
+        elif name == "current":
+            source = "which its wave shows"
+        else:
+            source = "an offset that is most of what was missed, also before the strip has moved much"
         found.append(
             Finding(
                 "zero-taken-off",
