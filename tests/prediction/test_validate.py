@@ -17,6 +17,7 @@ from ipmclab.model.outputs import simulate_outputs
 from ipmclab.model.variants import with_stages
 from ipmclab.prediction.open_coupling import open_coupling
 from ipmclab.prediction.validate import validate
+from ipmclab.prediction.verdict import verdict_of
 from ipmclab.statespace.noise_model import NoiseModel
 
 SEED = 20261121
@@ -125,6 +126,28 @@ def test_the_zero_of_a_motion_without_rest_is_taken_off_and_said(actuator: Actua
         assert (
             validate(model, replace(clean, **{"displacement": None, "force": None, output: read})).runs[0].zeros == {}
         )
+
+
+@pytest.mark.parametrize(("output", "said"), [("current", "mA may have been read as A"), ("displacement", "mm may")])
+def test_a_wrong_unit_comes_first_and_is_no_other_strip(actuator: Actuator, output: str, said: str) -> None:
+    """ "The strip or its state was another one" was all that was said of it."""
+    run = record(actuator)
+    wrong = replace(run, **{output: 1e3 * getattr(run, output)})
+    validation = validate(actuator, [run, wrong])
+    assert (validation.findings[0].code, validation.findings[0].channel) == ("unit-off", output)
+    verdict = verdict_of(validation)
+    assert said in verdict.sentences[0]
+    assert not verdict.missed
+    assert not [sentence for sentence in verdict.sentences if "strip or its state was another one" in sentence]
+    assert verdict.predicted[output] > 99.0  # that of the other run
+
+
+def test_a_channel_that_is_far_off_is_said(actuator: Actuator) -> None:
+    run = record(actuator, "square 1 V 0.2 Hz delay=1 s")
+    assert run.current is not None
+    late = replace(run, current=np.append(np.full(6, run.current[0]), run.current[:-6]))
+    (finding,) = [one for one in validate(actuator, late).findings if one.code == "channel-skew"]
+    assert "lags behind the voltage channel by 6 rows" in finding.message
 
 
 def test_a_zero_within_the_noise_stays(actuator: Actuator) -> None:

@@ -13,6 +13,8 @@ from scipy.signal import lfilter
 from ipmclab import identify
 from ipmclab.model import load_actuator
 from ipmclab.quality import censored, check, usable
+from ipmclab.quality.record import Record
+from ipmclab.quality.skew import is_far_off
 from ipmclab.run import QUALITY_FLAGS, Finding, Run
 
 Read = Callable[..., Run]
@@ -162,6 +164,17 @@ def test_spikes_of_one_to_three_rows(read: Read) -> None:
     assert finding.samples == ((700, 701), (900, 902), (1200, 1203))
     assert finding.effect == "mask"
     assert "3 isolated spikes" in finding.message
+
+
+@pytest.mark.parametrize("signal", ["sine 1 V 0.1 Hz", "square 1 V 0.1 Hz", STEP])
+def test_many_spikes_are_not_how_the_current_is(read: Read, signal: str) -> None:
+    """Beyond one row in a hundred none was found, however large."""
+    run, rng = read(signal), np.random.default_rng(20261121)
+    rows = np.sort(rng.choice(np.arange(20, 1980, 8), 40, replace=False))
+    (finding,) = [one for one in check(changed(run, "current", rows, 0.2, add=True)) if one.code == "spike"]
+    found = [row for first, stop in finding.samples for row in range(first, stop)]
+    assert set(found) <= set(rows.tolist())
+    assert len(found) > 36  # none is looked for within three rows of an edge
 
 
 def test_an_inrush_is_no_spike_even_when_pulses_are_one_row_long(read: Read) -> None:
@@ -345,6 +358,25 @@ def test_a_current_beside_the_voltage(read: Read, signal: str, rows: int) -> Non
     assert "is not right" not in foreign.message
     assert "give the run" not in foreign.repair  # it has that hold already
     assert foreign.effect == "none"  # a fit finds when the edge was
+
+
+@pytest.mark.parametrize("rows", [-9, -5, -4, 3, 4, 5, 9])
+@pytest.mark.parametrize("signal", ["square 1 V 0.1 Hz delay=1 s", "square 1 V 0.5 Hz", "prbs 1 V 2 s delay=1 s"])
+def test_a_current_far_off_is_no_missing_contact(read: Read, signal: str, rows: int) -> None:
+    """Each edge had a contact that was missing, and a fit took the voltage as 0 V after it."""
+    run = read(signal)
+    assert run.current is not None
+    for hold in ("zero", "unknown"):
+        place = (np.arange(2000) + rows).clip(0, 1999)
+        finding = only(replace(run, current=run.current[place], hold=hold), "channel-skew")
+        assert finding.values["lead_rows"] == rows
+        assert f"rows_late = {-rows}" in finding.repair
+        assert is_far_off(finding)
+        # Between the edge and the jump the current is of another voltage.
+        edges = Record.of(run).edges
+        first, stop = finding.samples[-1]
+        assert (first, stop) == (edges[-1] - max(rows, 0), edges[-1] + max(-rows, 0))
+        assert finding.effect == "mask"
 
 
 def test_a_laser_before_the_voltage(read: Read) -> None:

@@ -210,6 +210,21 @@ class TestMeaning:
             "column 'L', from 2.0 to 10.0 read as 0.0 to 25.0 mm; minus 0.0125 m (mean of rows 0 to 1); sign reversed"
         )
 
+    @pytest.mark.parametrize(("late", "expected"), [(2, [2, 4, 9, np.nan]), (-1, [np.nan, 0, 1, 2]), (9, [np.nan] * 4)])
+    def test_a_channel_that_was_read_late_or_early(self, late: int, expected: list[float], tmp_path: Path) -> None:
+        current = {"column": "I", "unit": "A", "rows_late": late, "zero_rows": [0, 1]}
+        run = self.run(tmp_path, "U,I\n0,1\n0,2\n1,3\n1,5\n1,10\n", channels={"current": current}, rows=[0, 4])
+        assert run.current is not None
+        missing = np.isnan(expected)
+        np.testing.assert_array_equal(run.current, expected)
+        flags = run.quality.get("current", np.zeros(4, np.uint8))
+        np.testing.assert_array_equal(flags > 0, missing)
+        assert f"{abs(late)} row" in run.metadata.calibrations["current"]
+
+    def test_what_others_are_late_beside_is_not_late(self, tmp_path: Path) -> None:
+        with pytest.raises(InputError, match=r"voltage.rows_late: the voltage is what others are late beside"):
+            self.run(tmp_path, "U,I\n0,1\n", channels={"voltage": {"column": "U", "unit": "V", "rows_late": 1}})
+
     @pytest.mark.parametrize(
         ("zero", "rows", "change"),
         [

@@ -9,6 +9,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from ipmclab.consistency.of_fit import units_off
 from ipmclab.errors import InputError
 from ipmclab.fit.ages import rates_of
 from ipmclab.fit.as_fitted import why_changed
@@ -44,6 +45,7 @@ from ipmclab.prediction.run_validation import RunValidation
 from ipmclab.prediction.said_of_run import said_of_run
 from ipmclab.prediction.scores import Comparison, Score, score
 from ipmclab.quality import check
+from ipmclab.quality.skew import is_far_off
 from ipmclab.quality.usable import noise_only
 from ipmclab.run import Finding, Run, RunMetadata
 from ipmclab.shown import Shown
@@ -169,6 +171,12 @@ def validate(actuator: Actuator | Fit, runs: Sequence[Run] | Run, *, used: Itera
         one = _validate_run(actuator, run, place, label, known.get(run.content_sha256), fit)
         one = one if one.used_in_fit else replace(one, rows_in_fit=shared_rows(marks, run))
         done.append(one)
+        # A channel that cannot be right says nothing of a model, and comes before what follows from it.
+        skewed = [found for found in one.record_findings if is_far_off(found)]
+        findings += [
+            replace(off, message=f"{label}: {off.message}", samples=(), effect="none")
+            for off in [*units_off(actuator, run, one.comparisons), *skewed]
+        ]
         findings += said_of_run(one)
         if fit is not None:
             findings += own_mounting(fit, run, label)

@@ -17,6 +17,7 @@ from ipmclab.prediction.run_validation import RunValidation
 from ipmclab.prediction.said_of_run import begins_under_voltage, current_rises, drifting_outputs, turned_outputs
 from ipmclab.prediction.scores import fit_in_words, score
 from ipmclab.prediction.validate import Validation
+from ipmclab.quality.scale import CODE as UNIT_OFF
 from ipmclab.strip_state.doubtful import EXTRAPOLATED
 from ipmclab.units import CHANNELS
 
@@ -76,8 +77,22 @@ displacement with a fit of 99.0 % and force with a fit of 99.0 %.
     guessed = any(one.code == NOT_IDENTIFIED for one in validation.findings)
     outputs = [name for name in validation.scores if name == "current" or not guessed]
     predicted, missed, sentences = {}, [], _said_by_itself(validation.actuator)
+    unlikely = [
+        (one.label, finding)
+        for one in fresh
+        for finding in validation.findings
+        if finding.code == UNIT_OFF and finding.message.startswith(f"{one.label}: ")
+    ]
+    sentences += [f"{off.message}. What this model predicts of it is not judged." for _, off in unlikely]
+    silent = {
+        (label, output) for label, off in unlikely for output in outputs if off.channel in (None, "voltage", output)
+    }
     for output in outputs:
-        fits = {one.label: one.scores[output].fit_percent for one in fresh if output in one.scores}
+        fits = {
+            one.label: one.scores[output].fit_percent
+            for one in fresh
+            if output in one.scores and (one.label, output) not in silent
+        }
         missed += [(output, label, fit) for label, fit in fits.items() if fit is not None and fit <= 0.0]
         good = [one.comparisons[output] for one in fresh if (fits.get(one.label) or 0.0) > 0.0]
         pooled = score(output, good).fit_percent if good else None
@@ -87,7 +102,11 @@ displacement with a fit of 99.0 % and force with a fit of 99.0 %.
         met = [
             one
             for one in fresh
-            if any((one.scores[name].fit_percent or 0.0) > 0.0 for name in outputs if name in one.scores)
+            if any(
+                (one.scores[name].fit_percent or 0.0) > 0.0
+                for name in outputs
+                if name in one.scores and (one.label, name) not in silent
+            )
         ]
         for least, below, how in _HOW_WELL:
             scored = [
@@ -111,7 +130,7 @@ displacement with a fit of 99.0 % and force with a fit of 99.0 %.
         nearer = f"It does not predict {outputs_text}: a constant would have been nearer."
         grows = validation.actuator.structure.slow_leak
         sentences.append(" ".join([nearer, *_causes(fresh, missed, grows=grows)]))
-    if fresh and not (predicted or missed):
+    if fresh and not (predicted or missed or unlikely):
         sentences.append(f"Nothing could be scored in {_new(fresh)}.")
     if guessed:
         sentences.append(

@@ -22,7 +22,7 @@ from ipmclab.quality.ringing import measured_ringing, predicted_ringing
 from ipmclab.quality.rising import rising_current
 from ipmclab.quality.sampling import sampling
 from ipmclab.quality.scale import without_consequences, wrong_scales
-from ipmclab.quality.skew import channel_skew
+from ipmclab.quality.skew import channel_skew, is_far_off
 from ipmclab.quality.stale import stale_readings
 from ipmclab.quality.sudden import sudden_changes
 from ipmclab.quality.usable import noise_only
@@ -104,6 +104,8 @@ def _without_echoes(findings: list[Finding]) -> list[Finding]:
     late = {stop for finding in findings if finding.code == "contact-missing" for _, stop in finding.samples}
     lost = {stop: start for finding in findings if finding.code == "contact-lost" for start, stop in finding.samples}
     ends = late | lost.keys() | {start + shift for start in lost.values() for shift in range(-5, 6)}
+    far_off = [finding for finding in findings if is_far_off(finding) and finding.channel == "current"]
+    ends |= {row + near for one in far_off for piece in one.samples for row in piece for near in (-1, 0, 1)}
     clipped = {finding.channel for finding in findings if finding.code == "clipped"}
     opposite = {finding.channel for finding in findings if finding.code == "response-opposite"}
 
@@ -127,6 +129,8 @@ def _without_echoes(findings: list[Finding]) -> list[Finding]:
                 )
             case "contact-lost":
                 return stops <= late
+            case "response-opposite":
+                return finding.channel == "current" and bool(far_off)
             case "rate-jump":
                 ends_of_it = late | jumped.get(finding.channel, set())
                 return any(abs(start - row) <= 2 * RATE_ROWS for start in starts for row in ends_of_it)

@@ -9,8 +9,14 @@ import numpy as np
 from ipmclab.quality.record import GUARD_ROWS, Channel, IntArray, Record, ranges_of
 from ipmclab.run import Finding, FloatArray
 
+CODE: Final = "channel-skew"
+"""Of the finding that a channel was not read with the voltage."""
+
 _APART: Final = 7  # rows between edges: nearer ones mix their answers (convention)
 _REST_ROWS: Final = 10  # rows before an edge whose mean is rest (convention)
+_LARGE: Final = 0.3  # of the largest edge: smaller ones are not judged (convention)
+_FARTHEST: Final = 25  # rows about an edge in which the jump of the current is looked for (convention)
+_ALIKE: Final = 0.7  # part of the edges at which a channel has to be off by as many rows (convention)
 
 
 def channel_skew(record: Record) -> list[Finding]:
@@ -22,10 +28,15 @@ def channel_skew(record: Record) -> list[Finding]:
     rest they must not have left their straight line before the edge does. Readings between the
     first move and the peak of the current, which hold neither the old nor the new state, are
     left out; so are those that a current takes early, where the hold says that the edge is at its row.
+    A current that is farther off jumps as many rows after each edge, or before it (``far_off``).
     """
     found: list[Finding] = []
     for channel in record.channels.values():
         if channel.name == "current":
+            rows, count = far_off(record)
+            if rows:
+                found.append(_skew(record, channel, rows, count, _between(record, rows)))
+                continue
             edges, moved = _edges_of_current(record, channel)
             if not len(edges):
                 continue
@@ -34,11 +45,54 @@ def channel_skew(record: Record) -> list[Finding]:
         else:
             edges, leads = record.edges[:0], _first_lead(record, channel)
         values, counts = np.unique(leads, return_counts=True)
-        if len(values) and counts.max() >= 0.7 * len(leads) and values[counts.argmax()] != 0:
+        if len(values) and counts.max() >= _ALIKE * len(leads) and values[counts.argmax()] != 0:
             lead = int(values[counts.argmax()])
             early = _early(record, edges, lead)
             found.append(_skew(record, channel, lead, len(leads), early))
     return found
+
+
+def is_far_off(finding: Finding) -> bool:
+    """Whether it says of a channel that it was read three rows or more before or after the voltage."""
+    rows = finding.values.get("lead_rows")
+    return finding.code == CODE and isinstance(rows, int) and abs(rows) >= GUARD_ROWS
+
+
+def far_off(record: Record) -> tuple[int, int]:
+    """By how many rows the current leads the voltage at how many edges, where these are three rows or more.
+
+    At each edge with room it is the row in which the current jumps most, by a fifth of its range there and beyond its
+    noise. No contact fails for as many rows at two edges and more.
+    """
+    channel = record.channels.get("current")
+    edges, size = record.edges, np.abs(record.heights)
+    if channel is None or len(edges) < 2:
+        return 0, 0
+    steps = np.abs(np.diff(channel.readings, prepend=np.nan))
+    gaps = np.diff(edges, prepend=0, append=len(record))
+    large, rooms = size >= _LARGE * size.max(), np.minimum(gaps[:-1], gaps[1:])
+    leads = []
+    for edge, room in zip(edges[large], rooms[large], strict=True):
+        reach = min(_FARTHEST, (int(room) - 1) // 2)
+        near = slice(edge - reach, edge + reach + 1)
+        jumps, around = steps[near], channel.readings[near]
+        if reach < GUARD_ROWS or not np.isfinite(jumps).any():
+            continue
+        place = int(np.nanargmax(jumps))
+        if jumps[place] > max(10.0 * channel.noise, 0.2 * float(np.nanmax(around) - np.nanmin(around))):
+            leads.append(reach - place)
+    if len(leads) < 2:
+        return 0, 0
+    values, counts = np.unique(np.array(leads, dtype=np.intp), return_counts=True)
+    lead = int(values[counts.argmax()])
+    return (lead, len(leads)) if counts.max() >= _ALIKE * len(leads) and abs(lead) >= GUARD_ROWS else (0, 0)
+
+
+def _between(record: Record, lead: int) -> IntArray:
+    """Rows at which a current that is so far off is of another voltage than the record says."""
+    first, stop = min(-lead, 0), max(-lead, 0)
+    rows: IntArray = (record.edges[:, None] + np.arange(first, stop)).ravel()
+    return np.unique(rows[(rows >= 0) & (rows < len(record))])
 
 
 def _early(record: Record, edges: IntArray, lead: int) -> IntArray:
@@ -64,7 +118,7 @@ def _edges_of_current(record: Record, channel: Channel) -> tuple[IntArray, Float
         return edges[:0], np.zeros((0, 2 * GUARD_ROWS + 1))
     gaps = np.diff(edges, prepend=-len(record), append=2 * len(record))
     room = (gaps[:-1] >= _APART) & (gaps[1:] >= _APART)
-    kept = room & inside & record.constant_after & (size >= 0.3 * size.max())
+    kept = room & inside & record.constant_after & (size >= _LARGE * size.max())
     edges, heights = edges[kept], size[kept]
     before = edges[:, None] - np.arange(2, _APART + 1)
     around = channel.readings[edges[:, None] + np.arange(-GUARD_ROWS - 1, GUARD_ROWS + 1)]
@@ -107,9 +161,11 @@ def _first_lead(record: Record, channel: Channel) -> IntArray:
 def _skew(record: Record, channel: Channel, lead: int, edges: int, early: IntArray) -> Finding:
     which = "leads" if lead > 0 else "lags behind"
     rows = "one row" if abs(lead) == 1 else f"{abs(lead)} rows"
-    doubtful = lead > 0 and channel.name == "current" and record.run.hold != "unknown"
+    shift = f"write rows_late = {-lead} under [channels.{channel.name}] of the import map"
+    far = abs(lead) >= GUARD_ROWS
+    doubtful = lead > 0 and not far and channel.name == "current" and record.run.hold != "unknown"
     return Finding(
-        code="channel-skew",
+        code=CODE,
         severity="warning",
         channel=channel.name,
         message=(
@@ -124,12 +180,18 @@ def _skew(record: Record, channel: Channel, lead: int, edges: int, early: IntArr
         repair=(
             "the channels were not read at one time: "
             + (
-                "identification estimates one delay of this run's edges, as its hold is unknown; shift the channel "
-                "where others lead by another"
+                shift
+                if far
+                else f"identification estimates one delay of this run's edges, as its hold is unknown; {shift} where "
+                "others lead by another"
                 if record.run.hold == "unknown"
-                else "give the run the hold 'unknown', so that its edge delay is estimated, or shift the channel"
+                else f"give the run the hold 'unknown', so that its edge delay is estimated, or {shift}"
             )
-            + ("; until then the readings before their edges are left out" if len(early) else "")
+            + (
+                f"; until then the readings {'before' if lead > 0 else 'after'} their edges are left out"
+                if len(early)
+                else ""
+            )
         ),
         samples=ranges_of(early),
         effect="mask" if len(early) else "none",

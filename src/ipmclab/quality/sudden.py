@@ -14,7 +14,9 @@ from ipmclab.run import Finding
 _SPIKE_ROWS: Final = 3  # rows: a spike that lasts longer is no spike (convention)
 _SIGNIFICANT: Final = 8.0 * math.sqrt(2.0)  # of a difference: eight standard deviations of a reading (convention)
 _NEIGHBOURS: Final = 60  # rows on either side that show the noise there (convention)
-_MOST: Final = 0.02  # part of the rows: more sudden changes are how the channel is (convention)
+_MOST: Final = 0.02  # part of the rows: more changes beyond the noise are how the channel is (convention)
+_USUAL: Final = 0.9  # part of the changes of a channel that are its usual ones (convention)
+_UNUSUAL: Final = 10.0  # times these: so many changes are sudden where they are that much larger (convention)
 _SMALLEST_JUMP: Final = 0.005  # part of the range of the readings: a smaller jump is none (convention)
 _FEWEST_OPEN: Final = 10  # rows before it, at one voltage, that show that nothing moved (convention)
 _MEAN_ROWS: Final = 5  # rows of a moving mean (convention)
@@ -62,7 +64,8 @@ def _changes(record: Record, channel: Channel) -> tuple[list[tuple[int, int]], l
     candidates = np.flatnonzero((size > least) & (excess > least) & ~record.near_edge[rows[1:]])
     candidates = candidates[(candidates >= 2) & (candidates < len(steps) - 2)]
     if len(candidates) > _MOST * len(steps):
-        return spikes, jumps  # it is the nature of this signal, for example an answer to random voltage
+        # The nature of this signal, for example an answer to random voltage, but for those far above all others.
+        candidates = candidates[size[candidates] > _UNUSUAL * float(np.quantile(size, _USUAL))]
     done = -1
     for place in candidates:
         if place <= done or _with_voltage(record, int(rows[place + 1])):

@@ -65,7 +65,8 @@ class ChannelMap(Strict):
     The number in the file is scaled (``factor * number + offset``, or the straight line through two
     ``points``), read in ``unit``, zeroed (``zero_at``, or the mean over ``zero_rows``), then given its ``sign``.
     Times that are written as dates have ``dates``, the order of day, month and year, and no unit; of rows with one
-    time ``duplicates = "drop"`` keeps the first.
+    time ``duplicates = "drop"`` keeps the first. A channel that was read some rows after the voltage has
+    ``rows_late``, below zero where it was read before it.
     """
 
     column: Column
@@ -82,6 +83,7 @@ class ChannelMap(Strict):
     dates: DateOrder | None = None
     date_column: Column | None = None
     duplicates: Literal["drop"] | None = None
+    rows_late: int = 0
 
     @model_validator(mode="after")
     def _agree(self) -> ChannelMap:
@@ -279,6 +281,10 @@ def _check_time_keys(name: str, channel: ChannelMap) -> None:
     for key in ("dates", "date_column", "duplicates"):
         if name != "time" and getattr(channel, key) is not None:
             raise _contradiction(f"channels.{name}.{key}", f"{key} is a key of the time", "move it to [channels.time]")
+    if name in ("time", "voltage") and channel.rows_late:
+        raise _contradiction(
+            f"channels.{name}.rows_late", f"the {name} is what others are late beside", "give it to each of the others"
+        )
     if channel.date_column is not None and channel.dates in (None, "time of day"):
         raise _contradiction(
             "channels.time.date_column", "the order of the date is not stated", 'add dates, such as "day-month-year"'

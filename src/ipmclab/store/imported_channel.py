@@ -41,6 +41,17 @@ class ImportedChannel:
         flags[self.rows] = self.flags
         return replace(self, values=values, flags=flags, rows=np.arange(n_rows))
 
+    def rows_earlier(self, rows: int) -> ImportedChannel:
+        """The channel over all rows of the record so many rows earlier; where it then has no row it is missing."""
+        if not rows:
+            return self
+        places = np.arange(len(self.values)) + rows
+        there = (places >= 0) & (places < len(places))
+        values = np.where(there, self.values[np.where(there, places, 0)], np.nan)
+        flags = np.where(there, self.flags[np.where(there, places, 0)], QUALITY_FLAGS["missing"]).astype(np.uint8)
+        which = f"{abs(rows)} row{'s' if abs(rows) > 1 else ''} {'earlier' if rows > 0 else 'later'}"
+        return replace(self, values=values, flags=flags, scaling=f"{self.scaling}; {which} than in the file")
+
 
 def read_channel(name: str, channel: ChannelMap, columns: Columns, number: int) -> ImportedChannel:
     if channel.dates is not None:

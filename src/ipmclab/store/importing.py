@@ -97,7 +97,10 @@ def import_run(path: str | os.PathLike[str], map: str | os.PathLike[str] | Impor
     channels = {name: channel.over_all_rows(n_rows) for name, channel in channels.items()}
     _check_zero_rows(import_map, channels["voltage"].values, (start, stop), source)
     channels = {
-        name: zeroed_channel(channel, name, import_map.channels[name], source) for name, channel in channels.items()
+        name: zeroed_channel(channel, name, import_map.channels[name], source).rows_earlier(
+            import_map.channels[name].rows_late
+        )
+        for name, channel in channels.items()
     }
     time = channels.pop("time").values if "time" in channels else _clock(import_map, columns, n_rows, chosen)
     kept = np.arange(start, stop)
