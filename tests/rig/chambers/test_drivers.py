@@ -155,8 +155,11 @@ def test_an_alarm_is_told_and_nothing_is_set_over_it(tmp_path: Path, quick: Quic
 def test_a_chamber_that_does_not_do_what_it_is_told(trouble: str, tmp_path: Path, quick: Quick) -> None:
     def be_refused(pair: Pair) -> None:
         setattr(pair.room, trouble, True)
-        with pytest.raises(ChamberError) as caught:
-            pair.chamber.set(*WANTED)
+        for _ in range(5):  # on a busy machine the emulator may be silent, too
+            with pytest.raises(ChamberError) as caught:
+                pair.chamber.set(*WANTED)
+            if caught.value.code != "chamber-silent":
+                break
         assert caught.value.code == "chamber-refused"
         assert pair.room.regulated == []
 
