@@ -372,6 +372,7 @@ def test_a_current_far_off_is_no_missing_contact(read: Read, signal: str, rows: 
         assert finding.values["lead_rows"] == rows
         assert f"rows_late = {-rows}" in finding.repair
         assert is_far_off(finding)
+        assert finding.severity == "error"  # no delay of a fit follows it
         # Between the edge and the jump the current is of another voltage.
         edges = Record.of(run).edges
         first, stop = finding.samples[-1]

@@ -16,7 +16,7 @@ from ipmclab.quality.kept import kept
 from ipmclab.quality.kink import RATE_ROWS, rate_jumps
 from ipmclab.quality.limits import clipping, possible_range_limit, range_limits
 from ipmclab.quality.lost import flagged_rows, lost_readings
-from ipmclab.quality.record import Record
+from ipmclab.quality.record import GUARD_ROWS, Record
 from ipmclab.quality.response import no_excitation, nothing_but_noise, opposite_response
 from ipmclab.quality.ringing import measured_ringing, predicted_ringing
 from ipmclab.quality.rising import rising_current
@@ -130,7 +130,10 @@ def _without_echoes(findings: list[Finding]) -> list[Finding]:
             case "contact-lost":
                 return stops <= late
             case "response-opposite":
-                return finding.channel == "current" and bool(far_off)
+                # The sign is judged by what the current does within three rows of an edge.
+                return finding.channel == "current" and any(
+                    abs(float(one.values["lead_rows"] or 0)) > GUARD_ROWS for one in far_off
+                )
             case "rate-jump":
                 ends_of_it = late | jumped.get(finding.channel, set())
                 return any(abs(start - row) <= 2 * RATE_ROWS for start in starts for row in ends_of_it)

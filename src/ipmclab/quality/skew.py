@@ -166,7 +166,7 @@ def _skew(record: Record, channel: Channel, lead: int, edges: int, early: IntArr
     doubtful = lead > 0 and not far and channel.name == "current" and record.run.hold != "unknown"
     return Finding(
         code=CODE,
-        severity="warning",
+        severity="error" if far and channel.name == "current" else "warning",  # no delay of the edges follows it
         channel=channel.name,
         message=(
             f"the {channel.name} {which} the voltage channel by {rows} ({abs(lead) * record.period:.4g} s), "
