@@ -142,6 +142,24 @@ def test_a_wrong_unit_comes_first_and_is_no_other_strip(actuator: Actuator, outp
     assert verdict.predicted[output] > 99.0  # that of the other run
 
 
+@pytest.mark.parametrize("signal", ["sine 1 V 0.2 Hz", "square 1 V 0.1 Hz"])
+def test_a_motion_without_rest_that_drifts_is_said_to(actuator: Actuator, signal: str) -> None:
+    """ "The strip or its state was another one" was all that was said of a strip that curls as it dries."""
+    run = record(actuator, signal, 40.0)
+    assert run.displacement is not None
+    slope = 3.0 * float(np.ptp(run.displacement)) / 40.0
+    (sentence,) = [
+        one
+        for one in verdict_of(
+            validate(actuator, replace(run, displacement=run.displacement + slope * run.time))
+        ).sentences
+        if "straight line" in one
+    ]
+    (said,) = re.findall(r"is a straight line of ([\d.]+) mm/s", sentence)
+    assert float(said) == pytest.approx(1e3 * slope, rel=0.1)
+    assert "strip or its state was another one" not in sentence
+
+
 def test_a_channel_that_is_far_off_is_said(actuator: Actuator) -> None:
     run = record(actuator, "square 1 V 0.2 Hz delay=1 s")
     assert run.current is not None

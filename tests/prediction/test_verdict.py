@@ -86,7 +86,7 @@ def test_a_prediction_that_leaves_much_is_called_so(strip: Actuator, times: floa
 def test_a_stage_that_the_model_has_is_not_proposed(strip: Actuator) -> None:
     """A current that rises at constant voltage, beside a model without and with a leak that grows."""
     run = simulate(strip, "step 1 V delay=2 s", duration=60.0, rate=10.0)
-    rising = np.asarray(run.current) + 0.02 * np.clip(run.time - 10.0, 0.0, None)
+    rising = np.asarray(run.current) + 0.005 * np.clip(run.time - 10.0, 0.0, None)
     read = named(replace(run, current=rising, displacement=None, force=None), "rises.nc")
     for model, words in (
         (strip, "which only a leak that grows (leak.slow) can follow"),

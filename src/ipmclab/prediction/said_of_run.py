@@ -56,26 +56,33 @@ def turned_outputs(one: RunValidation) -> tuple[str, ...]:
     )
 
 
-def drifting_outputs(one: RunValidation) -> dict[str, float]:
-    """The outputs that were missed because their sensor drifts, and its slope in the rows at 0 V [SI/s].
+def drifting_outputs(one: RunValidation) -> dict[str, tuple[float, bool]]:
+    """The outputs that were missed because their sensor drifts, its slope [SI/s], and whether rows at 0 V show that.
 
     Without that slope less than half of what was missed is left. A prediction has no drift: how a sensor drifts in a
-    run says nothing of another.
+    run says nothing of another. Of a motion without rows at 0 V it is the line through what was missed, which may be
+    the strip's own as well.
     """
     if one.used_in_fit or one.run.metadata.starts_from_rest is False:
         return {}
     slopes = {f.channel: f.values["slope"] for f in one.record_findings if f.code == "drift-before-step"}
     found = {}
     for name, score in one.scores.items():
-        slope = slopes.get(name)
-        if slope is None or score.fit_percent is None or score.fit_percent > 0.0:
+        if score.fit_percent is None or score.fit_percent > 0.0:
             continue
         used = one.comparisons[name].used
-        missed = (one.comparisons[name].measured - one.comparisons[name].predicted)[used]
-        # The zero that was taken off is the mean of the rows at 0 V.
-        drifted = float(slope) * (one.run.time[used] - float(np.mean(one.run.time[: rest_rows(one.run)])))
+        time, missed = one.run.time[used], (one.comparisons[name].measured - one.comparisons[name].predicted)[used]
+        slope = slopes.get(name)
+        if slope is not None:
+            # The zero that was taken off is the mean of the rows at 0 V.
+            drifted = float(slope) * (time - float(np.mean(one.run.time[: rest_rows(one.run)])))
+        elif not rows_that_show_zero(one.run) and name != "current" and len(time) > 2:
+            slope = np.polyfit(time - time[0], missed, 1)[0]
+            drifted, missed = float(slope) * (time - time.mean()), missed - missed.mean()
+        else:
+            continue
         if np.linalg.norm(missed - drifted) < _MOSTLY * np.linalg.norm(missed):
-            found[name] = float(slope)
+            found[name] = float(slope), name in slopes
     return found
 
 

@@ -186,17 +186,23 @@ def _causes(fresh: Sequence[RunValidation], missed: Sequence[tuple[str, str, flo
         )
     judged = {one[:2] for one in missed}
     drifting = {
-        (output, one.label): (one, slope)
+        (output, one.label): (one, *found)
         for one in fresh
-        for output, slope in drifting_outputs(one).items()
+        for output, found in drifting_outputs(one).items()
         if (output, one.label) in judged
     }
-    for (output, label), (one, slope) in drifting.items():
+    for (output, label), (one, slope, shown) in drifting.items():
         channel, length = CHANNELS[output], float(one.run.time[-1] - one.run.time[0])
+        drift = (
+            f"{channel.to_display(slope):.3g} {channel.display_unit}/s, which makes "
+            f"{channel.to_display(abs(slope) * length):.3g} {channel.display_unit} over the record"
+        )
         said.append(
-            f"The sensor of the {channel.name} drifts in {label}: its rows at 0 V show {channel.to_display(slope):.3g} "
-            f"{channel.display_unit}/s, which makes {channel.to_display(abs(slope) * length):.3g} "
-            f"{channel.display_unit} over the record. That is most of what was missed, and no prediction has a drift."
+            f"The sensor of the {channel.name} drifts in {label}: its rows at 0 V show {drift}. That is most of what "
+            "was missed, and no prediction has a drift."
+            if shown
+            else f"Most of what was missed of the {channel.name} of {label} is a straight line of {drift}: its sensor "
+            "drifts, the strip dries, or the model lacks a creep. A minute at 0 V first would show which."
         )
     others = {one[1] for one in missed if one[1] not in begin and one[:2] not in {*turned, *drifting}}
     return said + _of_the_strip([one for one in fresh if one.label in others], elsewhere=bool(said), grows=grows)

@@ -134,16 +134,16 @@ def test_a_line_that_never_falls_quiet_ends_every_call(kind: Kind, tmp_path: Pat
 def test_a_late_answer_is_never_taken_for_that_to_the_next_question(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(driver, "READ_TIME", 12.0)  # how long a whole reading may take is no matter here
+    monkeypatch.setattr(driver, "READ_TIME", 18.0)  # how long a whole reading may take is no matter here
     serial = [kind for kind in KINDS if kind.serial]
     if not serial:
         pytest.skip("no pseudo-terminals")
 
     def ask(kind: Kind) -> None:
-        with paired(kind, tmp_path, patience=2.0) as pair:
+        with paired(kind, tmp_path, patience=3.0) as pair:
             pair.chamber.set(*WANTED)
             for after in range(2):
-                pair.emulator.fault = Fault("late", after=after, lasts=1, seconds=2.5)
+                pair.emulator.fault = Fault("late", after=after, lasts=1, seconds=3.5)
                 told = pair.chamber.read()
                 assert (told.temperature, told.mode) == (WANTED[0], "constant")
                 assert told.humidity_set_point == pytest.approx(WANTED[1], abs=0.1)
