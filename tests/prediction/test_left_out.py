@@ -86,6 +86,52 @@ def test_a_run_of_another_strip_is_named() -> None:
     assert re.search(r"do not agree(: (without|the current of) .* \d|$)", line.text)  # a whole clause, or none
 
 
+def moved(seed: int, signal: str, *, volts: float = 1.0, late: int = 0) -> Run:
+    """Current and motion of one strip, its voltage read as so many times itself, its motion so many rows late."""
+    clean, noise = simulate(FRIEND, signal, duration=40.0, rate=25.0), np.random.default_rng(seed)
+    assert clean.current is not None
+    assert clean.displacement is not None
+    n = len(clean)
+    motion = clean.displacement + 5e-6 * noise.standard_normal(n)
+    return Run.from_arrays(
+        time=clean.time,
+        voltage=volts * clean.voltage,
+        current=clean.current + 1e-4 * noise.standard_normal(n),
+        displacement=np.append(np.full(late, motion[0]), motion[: n - late]),
+    )
+
+
+@pytest.mark.parametrize("seed", [0, 30, 60, 90])
+def test_what_a_fit_leaves_open_is_no_disagreement(seed: int) -> None:
+    """The zero of the coupling, along a valley that is bent: of twelve such fits five named a run that was right."""
+    signals = "square 1 V 0.1 Hz delay=2 s", "step 1 V delay=2 s", "square 0.8 V 0.2 Hz delay=2 s"
+    runs = [moved(seed + number, signal) for number, signal in enumerate(signals)]
+    fit = leave_one_run_out(identify(FRIEND, runs, free="electrical,coupling"))
+    assert not fit.parameters["coupling.zero"].determined
+    assert all("coupling.zero" not in one.shifts for one in fit.left_out)
+    assert all(one.p_value > 0.003 for one in fit.left_out)
+    assert not [finding for finding in fit.findings if finding.code == "run-stands-out"]
+
+
+@pytest.mark.parametrize(
+    ("changed", "why"),
+    [
+        (
+            {"volts": 1.1},
+            r"the fit leaves .* times the noise of its current, and at most 1\S* times that of the others'",
+        ),
+        ({"late": 25}, r"without it the fit leaves 0\.1.* times as much of their displacement"),
+    ],
+)
+def test_a_run_that_takes_all_it_contradicts_for_noise_is_named(changed: dict[str, float], why: str) -> None:
+    signals = "square 1 V 0.1 Hz delay=2 s", "step 1 V delay=2 s"
+    runs = [moved(3 + number, signal) for number, signal in enumerate(signals)]
+    runs.append(moved(5, "square 0.8 V 0.2 Hz delay=2 s", **changed))  # type: ignore[arg-type]
+    fit = leave_one_run_out(identify(FRIEND, runs, free="electrical,coupling"))
+    (finding,) = [finding for finding in fit.findings if finding.code == "run-stands-out"]
+    assert re.search(f"run 2 does not fit in with the other runs: {why}", finding.message)
+
+
 def test_what_one_run_alone_shows_is_named_and_not_scored() -> None:
     """The others put nothing in its place: what they would predict comes from the run itself."""
     generator = np.random.default_rng(SEED)

@@ -35,6 +35,9 @@ class LeftOut(Tabled):
         By how much each shared parameter moves when the run is left out, in standard errors of that change.
     p_value : float
         Probability of a change as large as that if the run is of the same strip and mounting as the others.
+    left_of_others : mapping of output to float
+        What the fit of the others leaves of them, over what that of all leaves of them (rms): 1 for a run like them.
+        Absent where the others leave more than twice their noise between neighbours: the model then lacks more.
     """
 
     label: str
@@ -45,6 +48,7 @@ class LeftOut(Tabled):
     undetermined: tuple[str, ...] = ()
     shifts: Mapping[str, float] = field(default_factory=dict)
     p_value: float = 1.0
+    left_of_others: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def lacking(self) -> str:

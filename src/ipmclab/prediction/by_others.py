@@ -86,8 +86,8 @@ class Itself:
     follow: FloatArray
 
 
-class _Held:
-    """The problem of one run with what the other runs say held."""
+class Held:
+    """A problem with some of its entries held, and the others moved."""
 
     def __init__(self, problem: Problem, theta: FloatArray, moved: list[int]) -> None:
         self._problem, self._theta, self._moved = problem, theta, moved
@@ -115,7 +115,7 @@ def found_on_itself(
     held = [place for place, column in enumerate(columns) if column in place_in_others]
     as_theirs = theta[columns]
     as_theirs[held] = theirs.theta[[place_in_others[columns[place]] for place in held]]
-    alone = _Held(problem, as_theirs, moved)
+    alone = Held(problem, as_theirs, moved)
     begin = as_theirs[moved]
     solution = descend(alone, begin, evaluations=EVALUATIONS)
     jacobian = problem.evaluate(alone.full(solution.theta)).jacobian

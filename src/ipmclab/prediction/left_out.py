@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Final
 
@@ -29,6 +29,7 @@ from ipmclab.model.order import Order
 from ipmclab.one_thread import on_one_thread
 from ipmclab.prediction.by_others import (
     EVALUATIONS,
+    Held,
     OtherRuns,
     found_on_itself,
     is_of_strip,
@@ -43,6 +44,9 @@ from ipmclab.statespace.terms import Terms
 
 FloatArray = npt.NDArray[np.float64]
 
+_AT_FLOOR: Final = 2.0  # times the noise between neighbours, up to which a model lacks little (convention)
+_FAR_WORSE: Final = 5.0  # times as much left of a run as of the others, each over its own noise (convention)
+_SPOILT: Final = 0.5  # of what a fit of all leaves of the others, that one without the run leaves (convention)
 _ADDS: Final = 0.01  # part of a variance that a run must take away to be asked what it changes (convention)
 
 
@@ -111,7 +115,17 @@ def leave_one_run_out(fit: Fit, *, progress: OnProgress | None = None) -> Fit:
                 stage(f"predicting {label} from the other runs", 0.0, 1.0, 10)
                 found.append(_without(fit, result, record, label))
     others = [finding for finding in fit.findings if finding.code != "run-stands-out"]
-    return changed(fit, left_out=tuple(found), findings=(*others, *_deviates(fit, found)))
+    misfits = {label: _misfit(result.problem, record) for record, label in zip(records, named, strict=True)}
+    return changed(fit, left_out=tuple(found), findings=(*others, *_deviates(fit, found, misfits)))
+
+
+def _misfit(problem: Problem, record: PreparedRun) -> dict[str, float]:
+    """What the fit leaves of each output of a run, over the noise between its neighbouring readings."""
+    return {
+        output: problem.noise[record.place, output] / reading.noise
+        for output, reading in record.readings.items()
+        if (record.place, output) in problem.noise and reading.noise > 0.0
+    }
 
 
 def _without(fit: Fit, result: Estimate, record: PreparedRun, label: str) -> LeftOut:
@@ -133,17 +147,19 @@ def _without(fit: Fit, result: Estimate, record: PreparedRun, label: str) -> Lef
         for place in shared
         if place not in known and fit.parameters[order(others.unknowns[place].name)].determined
     ]
-    moved = solution.theta - begin
-    covariance, of_change = _covariances(result.correlated, before, others, here, kept)
-    shifts, p_value = _shift(moved, covariance, of_change, known)
+    # A valley that the fit of all leaves open is no straight line, and each fit of others would slide along it.
+    open_ones = [place for place in shared if not fit.parameters[order(others.unknowns[place].name)].determined]
+    shifts, p_value = _change(result, others, kept, open_ones)
     left = LeftOut(
         label,
         undetermined=(*lost, *(order(unknown.name) for unknown in without_value)),
         shifts={order(others.unknowns[place].name): shift for place, shift in shifts.items()},
         p_value=p_value,
+        left_of_others=_left(others, here, others.evaluate(begin)),
     )
     if np.isinf(errors[shared][np.isfinite(were[shared])]).any():
         return left  # along what they do not show at all the others would stand where this run put them
+    covariance, _ = _covariances(result.correlated, before, others, here, kept)
     theirs = OtherRuns(fit, others, solution.theta, covariance, order)
     try:
         itself = found_on_itself(whole, theta, theirs, kept, record) if own else None
@@ -160,6 +176,39 @@ def _without(fit: Fit, result: Estimate, record: PreparedRun, label: str) -> Lef
             name: _standardised(judged.compared[name], reach, len(own)) for name, reach in judged.reach.items()
         },
     )
+
+
+def _left(problem: Problem, here: Evaluation, before: Evaluation) -> dict[str, float]:
+    """What is left of each output at a point, over what was left of it before (rms), where little else is missing."""
+    squares: dict[str, list[float]] = {}
+    for key, piece in problem.pieces.items():
+        both = squares.setdefault(key[1], [0.0, 0.0])
+        for number, there in enumerate((here, before)):
+            both[number] += problem.squares(key, there.residual[piece])
+        size = math.sqrt(problem.squares(key, here.residual[piece]) / max(piece.stop - piece.start, 1))
+        if size * problem.noise[key] > _AT_FLOOR * problem.record_at(key[0]).readings[key[1]].noise:
+            both[0] = np.inf
+    return {name: math.sqrt(now / then) for name, (now, then) in squares.items() if then > 0.0 and now < np.inf}
+
+
+def _change(result: Estimate, others: Problem, kept: list[int], held: Sequence[int]) -> tuple[dict[int, float], float]:
+    """What leaving the run out changes while some entries stay: each in standard errors, and a p-value of all."""
+    begin, before = result.solution.theta[kept], result.solution.evaluation
+    moved = [place for place in range(len(kept)) if place not in held]
+    found = descend(Held(others, begin, moved), begin[moved], evaluations=EVALUATIONS)
+    gone = {kept[place] for place in held}
+    columns = [column for column in range(len(before.rows) - 1) if column not in gone]
+    of_all = Evaluation(before.rows[[*columns, -1]], before.beforehand)
+    places = [columns.index(kept[place]) for place in moved]
+    covariance, of_change = _covariances(result.correlated, of_all, others, found.evaluation, places)
+    errors = entry_errors(found.evaluation)
+    known = [
+        number
+        for number, place in enumerate(moved)
+        if is_of_strip(others.unknowns[place]) and errors[number] <= _most(others, begin, place)
+    ]
+    shifts, p_value = _shift(found.theta - begin[moved], covariance, of_change, known)
+    return {moved[number]: shift for number, shift in shifts.items()}, p_value
 
 
 def _problem_without(whole: Problem, place: int) -> tuple[Problem, list[int]]:
@@ -265,14 +314,17 @@ def _chance(one: LeftOut) -> float:
     return min([one.p_value, *(float(erfc(size / math.sqrt(2.0))) for size in one.standardised.values())])
 
 
-def _deviates(fit: Fit, runs: Sequence[LeftOut]) -> list[Finding]:
+def _deviates(fit: Fit, runs: Sequence[LeftOut], misfits: Mapping[str, Mapping[str, float]]) -> list[Finding]:
     """That a run is not like the others: of the significant ones that which the others predict worst.
 
-    One that is of another strip spoils what the others say of each other, so that those may be as significant.
+    One that is of another strip spoils what the others say of each other, so that those may be as significant. Where
+    all that it contradicts counts as noise none is: then it spoils what is left of the others, or is met far worse.
     """
-    significant = [one for one in runs if _chance(one) < REJECT / len(runs)]
-    if not significant or any(finding.code == "mountings-differ" for finding in fit.findings):
+    if any(finding.code == "mountings-differ" for finding in fit.findings):
         return []  # where mountings differ, every run is unlike those of the others
+    significant = [one for one in runs if _chance(one) < REJECT / len(runs)]
+    if not significant:
+        return _spoils(runs) or _is_met_worse(runs, misfits)
     one = max(significant, key=lambda one: (max(one.standardised.values(), default=0.0), -_chance(one)))
     are_two = len(runs) == 2
     if one.p_value == _chance(one):
@@ -285,17 +337,48 @@ def _deviates(fit: Fit, runs: Sequence[LeftOut]) -> list[Finding]:
         why = f"its {output} lies {far} from what they predict"
         if are_two:
             why = f"the {output} of {one.label} lies {far} from what the other predicts"
-    text = f"{one.label} does not fit in with the other runs (p < 0.1 %): {why}"
-    if are_two:
-        both = f"{runs[0].label} and {runs[1].label}"
-        text = f"{both} do not agree (p < 0.1 %): {why}; which of them is out of place two runs cannot show"
-    return [
-        Finding(
-            "run-stands-out",
-            "warning",
-            text,
-            "see whether it is of another mounting or another state of the strip; if so, fit it by itself, or name "
-            "what differs in per_run or per_mounting; else the model lacks something that the signals show differently",
-            values={"p_value": _chance(one), **{f"shift.{name}": shift for name, shift in one.shifts.items()}},
-        )
-    ]
+    values = {"p_value": _chance(one), **{f"shift.{name}": shift for name, shift in one.shifts.items()}}
+    return [_stands_out(one, runs, f" (p < 0.1 %): {why}", values)]
+
+
+def _spoils(runs: Sequence[LeftOut]) -> list[Finding]:
+    """That the others are met far better without a run."""
+    if len(runs) == 2:
+        return []  # one alone is always met better
+    every = [(left, one, name) for one in runs for name, left in one.left_of_others.items() if left < _SPOILT]
+    if not every:
+        return []
+    less, one, output = min(every, key=lambda each: each[0])
+    why = f"without it the fit leaves {less:.2g} times as much of their {output} (rms)"
+    return [_stands_out(one, runs, f": {why}", {f"left.{output}": less})]
+
+
+def _is_met_worse(runs: Sequence[LeftOut], misfits: Mapping[str, Mapping[str, float]]) -> list[Finding]:
+    """That the fit follows the others and not a run."""
+    worst = None
+    for one in runs:
+        for output, own in misfits[one.label].items():
+            others = [m[output] for label, m in misfits.items() if label != one.label and output in m]
+            at_floor = bool(others) and max(others) < _AT_FLOOR
+            if at_floor and own > _FAR_WORSE * max(others) and (worst is None or own > worst[0]):
+                worst = own, one, output, max(others)
+    if worst is None:
+        return []
+    own, one, output, most = worst
+    why = f"the fit leaves {own:.2g} times the noise of its {output}, and at most {most:.2g} times that of the others'"
+    return [_stands_out(one, runs, f": {why}", {f"misfit.{output}": own})]
+
+
+def _stands_out(one: LeftOut, runs: Sequence[LeftOut], why: str, values: Mapping[str, float]) -> Finding:
+    text = f"{one.label} does not fit in with the other runs{why}"
+    if len(runs) == 2:
+        both = f"{runs[0].label} and {runs[1].label} do not agree"
+        text = f"{both}{why}; which of them is out of place two runs cannot show"
+    return Finding(
+        "run-stands-out",
+        "warning",
+        text,
+        "see whether it is of another mounting or another state of the strip; if so, fit it by itself, or name "
+        "what differs in per_run or per_mounting; else the model lacks something that the signals show differently",
+        values=values,
+    )
