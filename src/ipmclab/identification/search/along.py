@@ -31,6 +31,7 @@ _ZEROS: Final = (0.1, 0.3, 0.7, 1.5, 5.0)  # times the Nyquist rate: zeros of a 
 _ROWS: Final = tuple(np.arange(0.5 - LONGEST_DELAY, LONGEST_DELAY, 1.0).tolist())
 """Rows by which the edges of a motion are tried to lie after those of the voltage."""
 
+_SLOW: Final = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0)  # times the longest record: a slow mode that is not a slope yet
 _SLOWER: Final = (0.2, 0.4, 0.7, 1.4, 2.5, 4.5, 8.0)  # times the time constant of a leak that hardly shows how slow
 
 
@@ -56,6 +57,12 @@ def along_valleys(problem: Problem, solution: Solution, walked: Valley | None = 
         found += held_at(problem, solution, ZERO, [part * fastest for part in _ZEROS])
     if errors.get(SLOW_TIME, 0.0) > WEAK:
         found += held_at(problem, solution, SLOW_TIME, [values[SLOW_TIME] * factor for factor in _SLOWER])
+    longest = max(float(record.run.time[-1] - record.run.time[0]) for record in problem.records)
+    for output in ("displacement", "force"):
+        slow = [n for n in errors if n.startswith(f"relaxation.{output}") and n.endswith("time_constant")]
+        slowest = max(slow, key=values.__getitem__, default="")
+        if errors.get(slowest, 0.0) > WEAK:
+            found += held_at(problem, solution, slowest, [longest * part for part in _SLOW])
     # The delay of the record without a current of which least is known: the delays of others follow it.
     delays = [unknown for unknown in problem.unknowns if unknown.base == "observation.delay"]
     alone = [delay for delay in delays if (delay.place, "current") not in problem.readings]

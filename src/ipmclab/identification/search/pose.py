@@ -13,7 +13,7 @@ from ipmclab.identification.problem.free import FreeParameters
 from ipmclab.identification.problem.problem import Noise, Problem
 from ipmclab.identification.problem.record import PreparedRun
 from ipmclab.identification.problem.response import ActuatorResponder, CircuitResponder
-from ipmclab.identification.problem.unknowns import SITES, unknowns_of
+from ipmclab.identification.problem.unknowns import unknowns_of
 from ipmclab.identification.search.starts.start import StartingPoint, allowed
 from ipmclab.model import Actuator
 from ipmclab.model.kinds import kind_of
@@ -89,8 +89,8 @@ def entries_at(problem: Problem, point: StartingPoint) -> FloatArray:
         elif unknown.base == "observation.delay":
             assert unknown.place is not None
             theta[place] = unknown.entry(point.delays[unknown.place].start)
-        elif (unknown.is_water or unknown.base == SITES) and unknown.prior is not None:
-            theta[place] = unknown.prior[0]
+        elif unknown.nuisance and unknown.prior is not None:
+            theta[place] = unknown.entry(unknown.value(unknown.prior[0]))
         else:
             linear[place] = True
     return solved_for(problem, theta, linear)

@@ -14,9 +14,7 @@ from ipmclab.identification.search.projected import Projected
 from ipmclab.identification.search.tangent import UNFELT, gauss_newton, with_others
 from ipmclab.run import FloatArray
 
-NEGLIGIBLE: Final = 1e-6
-"""A decrease of the cost that moves no parameter by a thousandth of its standard error."""
-
+NEGLIGIBLE: Final = 1e-6  # of a cost: a decrease that moves no parameter by a thousandth of its standard error
 MOST_STEPS: Final = 12  # Gauss-Newton steps in a row (a limit)
 FARTHEST_STEP: Final = 3.0  # of a logarithm, a factor of 20: derivatives lead no farther (convention)
 NOTHING: Final = 1e-12  # of the cost: a decrease that is rounding
@@ -25,9 +23,7 @@ _MOST_FOLLOWED: Final = 6  # steps of the others after an entry that moved, afte
 PATIENCE: Final = 30
 """Evaluations in which the cost of a fit has to fall by ``HARDLY_FALLS``: along a valley there is no last step."""
 
-HARDLY_FALLS: Final = 0.1
-"""Of chi-square: less than readings tell."""
-
+HARDLY_FALLS: Final = 0.1  # of chi-square: less than readings tell
 _LATELY: Final = 15  # evaluations that tell how fast a cost falls (convention)
 AT_BOUND: Final = 1e-3
 """Of a logarithm or a scale: an entry that near to its bound says no more than that it is there."""
