@@ -3,7 +3,8 @@
 Run ``python -m benchmarks.comparison [--trials 2000] [--sampled 100] [--peer 0] [--record]``; with statsmodels beside
 it, by ``uv run --with statsmodels python -m benchmarks.comparison --peer 200``. Campaigns are drawn as rows of a table:
 strips of two thicknesses (a factor e^0.5 between them) in three humidities (e^0.3), a sham (the loading, which does
-nothing) that also differs between strips. Strips, mountings and repeats scatter normally on the logarithm. Counted: how
+nothing) that also differs between strips. Strips, mountings and repeats scatter normally on the logarithm, and in one
+kind what the humidity does to a strip. Counted: how
 often the 95 % interval of each effect holds the truth, how often the sham is found at 5 %, how often a strip that was
 not measured reads within the interval of the next strip, how often a strip is named unlike the others though none is.
 The first of each kind are sampled too (``population``), beside the mixed model's answer to the same campaigns. Seed
@@ -31,6 +32,7 @@ from tests.comparison.campaigns import campaign
 SOURCES = (
     "src/ipmclab/comparison/mixed.py",
     "src/ipmclab/comparison/metric_model.py",
+    "src/ipmclab/comparison/over_strips.py",
     "src/ipmclab/comparison/population.py",
     "src/ipmclab/comparison/factors.py",
     "tests/comparison/campaigns.py",
@@ -44,7 +46,9 @@ SPANS = {"thickness": 0.07e-3, "loading": 0.05, "humidity": 20.0}
 
 @dataclass(frozen=True)
 class Design:
-    """A kind of campaign: how many strips, how they scatter, which share of the runs is lost."""
+    """A kind of campaign: how many strips, how they scatter, which share of the runs is lost, and how differently
+    strips answer to the humidity.
+    """
 
     name: str
     strips: int
@@ -52,6 +56,7 @@ class Design:
     mountings: int = 2
     repeats: int = 2
     lost: float = 0.0
+    answers: float = 0.0
 
 
 DESIGNS = (
@@ -60,6 +65,7 @@ DESIGNS = (
     Design("7 strips, 1 mounting, a quarter lost", 7, (0.3, 0.0, 0.1), mountings=1, lost=0.25),
     Design("12 strips that hardly differ, a quarter lost", 12, (0.03, 0.1, 0.1), lost=0.25),
     Design("6 strips, all scatter between strips", 6, (0.5, 0.02, 0.05), repeats=1),
+    Design("8 strips that answer differently, a quarter lost", 8, (0.3, 0.1, 0.1), lost=0.25, answers=0.2),
 )
 
 
@@ -73,6 +79,7 @@ def drawn(draw: np.random.Generator, design: Design) -> tuple[list[RunRow], RunR
         strips=design.strips + 1,
         mountings=design.mountings,
         repeats=design.repeats,
+        answers=design.answers,
     )
     rows, further = rows[:-of_strip], rows[-of_strip:]
     kept = draw.random(len(rows)) >= design.lost

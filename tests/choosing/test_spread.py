@@ -10,7 +10,8 @@ import pytest
 
 from ipmclab import Actuator, InputError, Run, RunMetadata, identify, load_actuator
 from ipmclab.choosing import spread
-from ipmclab.choosing.spread import slopes
+from ipmclab.choosing.noise import FadingNoise, ResidualSeries
+from ipmclab.choosing.spread import directions, slopes
 from ipmclab.identification.problem.record import prepare
 from ipmclab.model.environment import Environment
 from ipmclab.model.outputs import simulate_outputs
@@ -87,3 +88,14 @@ def test_slopes_are_those_of_the_model_and_of_the_sensor(monkeypatch: pytest.Mon
     monkeypatch.setattr(spread, "simulate_outputs", bounded)
     at_bound = slopes(fit, record, ["current"], in_fit=0, delay=None)["current"]
     assert at_bound[:, 0] == pytest.approx(observed[:, 0], abs=0.01 * float(np.max(np.abs(observed[:, 0]))))
+
+
+@pytest.mark.parametrize("large", [1.0, 1e100, 1e140])
+def test_a_noise_beyond_all_bounds_beside_a_parameter_that_moves_nothing_is_no_fault(large: float) -> None:
+    """As where a fold without the only run at a high voltage leaves a leak open, and predicts any current there."""
+    time = np.arange(50.0)
+    slope = np.column_stack([np.cos(time), np.zeros(50), 1e-9 * np.cos(2.0 * time)])
+    series = ResidualSeries(time, np.zeros(50), np.ones(50, dtype=bool), 1.0, 10.0)
+    one, other = (directions([(series, slope, 1.0, FadingNoise(white))]) for white in (1.0, large))
+    assert np.isfinite(other).all()
+    assert np.abs(other) / large == pytest.approx(np.abs(one), rel=1e-6, abs=1e-6)

@@ -24,21 +24,23 @@ def campaign(
     strips: int = 8,
     mountings: int = 2,
     repeats: int = 2,
+    answers: float = 0.0,
 ) -> list[RunRow]:
     """Strips of two thicknesses in three humidities; the loading is a sham that halves them otherwise.
 
     ``effects`` are those of thickness and humidity on the logarithm, from the lowest level to the highest; ``scatter``
-    the standard deviations of strips, mountings and repeats.
+    the standard deviations of strips, mountings and repeats; ``answers`` that of what humidity does to a strip.
     """
     rows = []
     for strip in range(strips):
         thick, loading = strip % 2, strip // 2 % 2
         own = scatter[0] * draw.normal()
+        of_humidity = effects[1] + (answers * draw.normal() if answers else 0.0)
         for mounting in range(mountings):
             mounted = own + scatter[1] * draw.normal()
             for humid in (0.0, 0.5, 1.0):
                 for _ in range(repeats):
-                    log = effects[0] * thick + effects[1] * humid + mounted + scatter[2] * draw.normal()
+                    log = effects[0] * thick + of_humidity * humid + mounted + scatter[2] * draw.normal()
                     rows.append(
                         row(
                             1e-3 * float(np.exp(log)),

@@ -20,7 +20,7 @@ from ipmclab.strip_state import dose
 from ipmclab.strip_state.dose import dose_now, doses_of
 from ipmclab.strip_state.doubtful import doubtful, extrapolated
 from ipmclab.strip_state.run_state import RunState
-from ipmclab.strip_state.state_of_run import states_of, water_after
+from ipmclab.strip_state.state_of_run import restated, states_of, water_after
 
 STRIP = load_actuator("friend-2+environment.coupling_gain")
 
@@ -143,11 +143,12 @@ def test_a_water_that_is_computed_is_as_sure_as_its_start_and_its_film() -> None
     values, air, minutes = STRIP.parameter_values, Environment(20.0, 80.0), 5.0
     wet, wetter = WaterState(22.0, 20.0), WaterState(24.2, 20.0)
     middle = water_after(values, wet, air, 60.0 * minutes)
-    more = water_after(values, wetter, air, 60.0 * minutes) - middle
-    faster = water_after({**values, FILM: 1.3 * values[FILM]}, wet, air, 60.0 * minutes) - middle
+    drier, slower, faster = WaterState(19.8, 20.0), values[FILM] * math.exp(-0.3), values[FILM] * math.exp(0.3)
+    of_start = water_after(values, wetter, air, 60.0 * minutes) - water_after(values, drier, air, 60.0 * minutes)
+    of_film = [water_after({**values, FILM: film}, wet, air, 60.0 * minutes) for film in (slower, faster)]
     found = state(run(minutes_out_of_water=minutes, uncertainties={"relative_humidity": 0.0}))
     assert found.water_content == middle
-    assert found.standard_uncertainty == pytest.approx(math.hypot(more, faster), rel=1e-9)
+    assert found.standard_uncertainty == pytest.approx(0.5 * math.hypot(of_start, of_film[0] - of_film[1]), rel=1e-9)
 
 
 @pytest.mark.parametrize("humidity", [0.0, 100.0])
@@ -180,10 +181,42 @@ def test_a_weighed_water_is_as_sure_as_its_balance_and_its_sites(
 ) -> None:
     """The sites are those of every weighed run; 0.1 mg, 5 % or (plated thickness) 25 % where nothing is stated."""
     sample = Sample(id="a", dry_mass=1.1e-4, nominal_membrane_thickness=membrane)
-    found = state(run(mass=1.2e-4, sample=sample, uncertainties=stated))
+    found, other = states_of(STRIP, [run(mass=1.2e-4, sample=sample, uncertainties=stated)] * 2, ["one", "other"])
     water = found.water_content or 0.0
     assert found.standard_uncertainty == pytest.approx(water * math.hypot(of_mass, of_sites))
-    assert found.shared_uncertainty == pytest.approx(water * of_sites)
+    assert found.shared == other.shared == pytest.approx({"observation.ionic_groups": water * of_sites})
+    assert state(run(mass=1.2e-4, sample=sample)).shared == {}  # nothing is shared with no other run
+
+
+def test_what_is_off_in_the_film_and_at_the_start_is_off_in_every_run_that_rests_on_it() -> None:
+    """The sensor's error is that of each run; a run that begins where another ended has the error of that one too."""
+    film, liquid = "observation.film", "observation.liquid_water"
+    alike = [run(minutes_out_of_water=minutes) for minutes in (5.0, 20.0)]
+    first, second = states_of(STRIP, alike, ["first", "second"])
+    assert first.shared.keys() == second.shared.keys() == {film, liquid}
+    assert first.shared[film] < 0.0 < first.shared[liquid]
+    assert 0.0 < first.own_uncertainty < first.standard_uncertainty
+    times = ["2026-11-23T10:00:00+00:00", "2026-11-23T10:05:00+00:00"]
+    before = run(recorded_at=times[0], relative_humidity=90.0)
+    after = run(recorded_at=times[1], relative_humidity=50.0, minutes_in_environment=5.0)
+    begun, ended = states_of(STRIP, [before, after], ["before", "after"])
+    assert begun.shared == {"observation.before.0": pytest.approx(begun.standard_uncertainty)}
+    assert 0.0 < ended.shared["observation.before.0"] < begun.standard_uncertainty
+
+
+def test_the_water_of_runs_is_known_along_the_tangent_where_readings_put_the_film() -> None:
+    """Where they make it much slower: what it makes of the water there, not where it was thought to be."""
+    alike = [run(minutes_out_of_water=minutes) for minutes in (10.0, 60.0)]
+    states = states_of(STRIP, alike, ["first", "second"])
+    off = {"observation.film": -2.0}
+    found = restated(STRIP, list(zip(alike, states, strict=True)), off)
+    assert found is not None
+    slow = STRIP.replace(**{FILM: STRIP[FILM] * math.exp(-0.6)})
+    for one, other, known in zip(found, states_of(slow, alike, ["first", "second"]), states, strict=True):
+        assert one.content_at(off) == pytest.approx(other.water_content, rel=1e-9)
+        assert (one.water_content, one.standard_uncertainty) == (known.water_content, known.standard_uncertainty)
+        assert RunState.from_table(one.to_table()) == one
+    assert restated(STRIP, list(zip(alike, found, strict=True)), off) is None
 
 
 def test_what_is_assumed_of_a_start_is_in_the_water() -> None:

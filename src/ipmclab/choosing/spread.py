@@ -123,10 +123,10 @@ def directions(observed: Sequence[tuple[ResidualSeries, FloatArray, float, Fadin
                 correlate(series.time, np.ascontiguousarray(weighed[:, column]), 1.0 / part.time_constant, shared)
                 moved[:, column] += (part.amplitude * series.extent) ** 2 * shared
         scatter += weight**2 * (weighed.T @ moved)
-    size = np.sqrt(np.maximum(information.diagonal(), 1e-300))
-    value, vector = np.linalg.eigh(information / (size[:, None] * size))
+    # For columns of length 1; one that moves no reading has nothing of it: rounding over its length could be anything.
+    size = np.where(information.diagonal() > 0.0, np.sqrt(information.diagonal()), np.inf)[:, None]
+    value, vector = np.linalg.eigh(information / size / size.T)
     known = value > _SEEN * value[-1]
-    inverse = (vector[:, known] / value[known]) @ vector[:, known].T / (size[:, None] * size)
-    covariance = inverse @ scatter @ inverse
-    square, turned = np.linalg.eigh(covariance * (size[:, None] * size))
-    return np.asarray(turned * np.sqrt(np.maximum(square, 0.0)) / size[:, None])
+    inverse = (vector[:, known] / value[known]) @ vector[:, known].T
+    square, turned = np.linalg.eigh(inverse @ (scatter / size / size.T) @ inverse)
+    return np.asarray(turned * np.sqrt(np.maximum(square, 0.0)) / size)

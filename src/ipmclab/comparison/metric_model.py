@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -17,6 +18,7 @@ from ipmclab.comparison.display import metric_label
 from ipmclab.comparison.factors import Factor, levels_of
 from ipmclab.comparison.mixed import RESIDUAL, Estimate, MixedFit, fit_mixed
 from ipmclab.comparison.mixed_blocks import FloatArray
+from ipmclab.comparison.over_strips import EachLeftOut, each_left_out
 from ipmclab.comparison.table import RunRow
 from ipmclab.quality.metrics import Metric
 
@@ -145,14 +147,20 @@ class MetricModel:
         return tuple(self._effect(place, factor) for place, factor in enumerate(self.factors, start=1))
 
     def _effect(self, place: int, factor: Factor) -> Effect:
-        estimate = self.fit.contrast(np.eye(self.design.shape[1])[place])
-        estimate = replace(estimate, freedom=min(estimate.freedom, self._most_freedom(place)))
+        estimate = self._each_left_out.effect(place)
+        if estimate is None:
+            estimate = self.fit.contrast(np.eye(self.design.shape[1])[place])
+            estimate = replace(estimate, freedom=min(estimate.freedom, self._most_freedom(place)))
         low, high = self.ends[factor.name]
         reason = self._why_open(place)
         value, interval = self._back(estimate)
         if reason:
             return Effect(factor, low, high, value, None, None, reason)
         return Effect(factor, low, high, value, interval, estimate.p_value)
+
+    @cached_property
+    def _each_left_out(self) -> EachLeftOut:
+        return each_left_out(self.values, self.design, _groups(self.rows), self.fit.variances)
 
     def _most_freedom(self, place: int) -> float:
         """Degrees of freedom that a factor has at most, as the analysis of variance counts them.

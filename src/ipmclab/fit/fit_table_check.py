@@ -180,9 +180,12 @@ def _check_run(run: Mapping[str, Any], key: str) -> None:
     if "state" in run:
         state = _table_of(run["state"], f"{key}.state", RunState)
         _text(state, "how", f"{key}.state")
-        for name in ("doses", "adds"):
+        tables = ("doses", "adds", "shared")
+        for name in tables:
             _numbers(state.get(name, {}), f"{key}.state.{name}")
-        _numbers({name: one for name, one in state.items() if name not in ("how", "doses", "adds")}, f"{key}.state")
+        if "tangent" in state:
+            _pair(state, "tangent", f"{key}.state")
+        _numbers({name: one for name, one in state.items() if name not in ("how", "tangent", *tables)}, f"{key}.state")
     _numbers(run.get("initial_state", {}), f"{key}.initial_state")
     for name in _OF_OUTPUTS:
         _numbers(run.get(name, {}), f"{key}.{name}")

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import count
+from typing import Final
 
 import numpy as np
 
@@ -44,6 +46,9 @@ from ipmclab.identification.uncertainty.unshown_zero import unshown_zeros
 from ipmclab.model import Actuator
 from ipmclab.progress import stage
 from ipmclab.run import FloatArray
+from ipmclab.strip_state.state_of_run import restated
+
+_TURNS: Final = 5  # that the water of runs is followed along tangents (a limit)
 
 
 def estimate(actuator: Actuator, names: FreeParameters, records: Sequence[PreparedRun]) -> Estimate:
@@ -150,12 +155,16 @@ def _least_squares(
     So is the zero of a current that no row at 0 V shows, where its wave does.
     """
     given_up: set[int] = set()
-    while True:
+    for turn in count():
         searched, near, minima = find_minima(actuator, names, records)
         problem, solution = without_idle(searched, near, names)
         branches = actuator.structure.branches
         if zeroed := {r.place for r in records if zero_of_wave(r, branches, problem.noise) is not None}:
             records = [record.with_zero() if record.place in zeroed else record for record in records]
+            continue
+        off = dict(zip((unknown.base for unknown in problem.unknowns), solution.theta.tolist(), strict=True))
+        if turn < _TURNS and (states := restated(actuator, [(one.run, one.state) for one in records], off)):
+            records = [replace(record, state=state) for record, state in zip(records, states, strict=True)]
             continue
         moving = not_at_rest(problem, solution) - given_up
         if not moving:

@@ -24,8 +24,13 @@ class RunState(Tabled):
         Water molecules for each ionic group, as it was measured, computed or assumed. None where nothing follows it.
     standard_uncertainty : float
         Of the water content; 0 where it is exact.
-    shared_uncertainty : float
-        The part of it that is the same error in all weighed runs of the strip: that of its ionic groups.
+    shared : mapping of name to float
+        By how much the water content is off where something that other runs rest on too is off by its standard
+        uncertainty: the ionic groups of weighed runs, the film of air, the content in liquid water, the state in a run
+        before. The squares of these are parts of that of ``standard_uncertainty``.
+    tangent : (float, float), optional
+        The water content with nothing of that off and its standard uncertainty, along the tangent at what readings say
+        of it; None where these are ``water_content`` and ``standard_uncertainty``.
     how : "measured", "computed" or "assumed"
         How the water content is known.
     temperature : float [degC], optional
@@ -50,7 +55,23 @@ class RunState(Tabled):
     doses: Mapping[str, float] = field(default_factory=dict)
     adds: Mapping[str, float] = field(default_factory=dict)
     found: float | None = None
-    shared_uncertainty: float = 0.0
+    shared: Mapping[str, float] = field(default_factory=dict)
+    tangent: tuple[float, float] | None = None
+
+    @property
+    def known(self) -> tuple[float, float]:
+        """The water content as a fit takes it to be known, and its standard uncertainty."""
+        assert self.water_content is not None
+        return self.tangent or (self.water_content, self.standard_uncertainty)
+
+    @property
+    def own_uncertainty(self) -> float:
+        """The part of the standard uncertainty that no other run has."""
+        return math.sqrt(max(self.known[1] ** 2 - sum(part**2 for part in self.shared.values()), 0.0))
+
+    def content_at(self, off: Mapping[str, float]) -> float:
+        """The water content where what is shared is off by so many standard uncertainties, along the tangent."""
+        return self.known[0] + sum(part * off.get(name, 0.0) for name, part in self.shared.items())
 
     @property
     def place(self) -> tuple[float, float]:
@@ -69,4 +90,5 @@ class RunState(Tabled):
         >>> RunState.from_table(state.to_table()) == state
         True
         """
-        return cls(**table)
+        tangent = table.get("tangent")
+        return cls(**{**table, "tangent": None if tangent is None else (tangent[0], tangent[1])})

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from types import MappingProxyType
 from typing import Final
 
 import numpy as np
@@ -30,6 +33,10 @@ _PLATED_ERROR: Final = 0.25
 """Likewise by the plated thickness, of which the metal takes a part."""
 
 _FILM_ERROR: Final = 0.3  # of its logarithm, where the actuator states none: 3 to 10 mm/s in still air
+_TANGENT: Final = (
+    0.1  # of what is uncertain in one run alone: water that lies so near along another tangent is the same
+)
+_OF_FILM: Final = "observation.film"
 _LIQUID_ERROR: Final = 0.1  # of the content in liquid water, where the actuator states none
 
 
@@ -54,7 +61,9 @@ def says_environment(run: Run) -> bool:
     return None not in air_of(run)
 
 
-def states_of(actuator: Actuator, runs: Sequence[Run], labels: Sequence[str]) -> list[RunState]:
+def states_of(
+    actuator: Actuator, runs: Sequence[Run], labels: Sequence[str], off: Mapping[str, float] = MappingProxyType({})
+) -> list[RunState]:
     """The state of a strip in each of some runs, each from what it says and from the one before it.
 
     Parameters
@@ -64,6 +73,9 @@ def states_of(actuator: Actuator, runs: Sequence[Run], labels: Sequence[str]) ->
     runs : sequence of Run
     labels : sequence of str
         For messages.
+    off : mapping of name to float
+        By how many standard uncertainties that is off on which several runs rest (``RunState.shared``): the tangent
+        is taken there.
 
     Raises
     ------
@@ -76,12 +88,47 @@ def states_of(actuator: Actuator, runs: Sequence[Run], labels: Sequence[str]) ->
     found: dict[int, RunState] = {}
     before: tuple[Run, RunState] | None = None
     for place in order:
-        found[place] = state_of(actuator, runs[place], label=labels[place], before=before if known else None)
+        state = state_of(actuator, runs[place], label=labels[place], before=before if known else None, off=off)
+        found[place] = replace(state, shared={**state.shared, f"observation.before.{place}": state.own_uncertainty})
         before = runs[place], found[place]
-    return [found[place] for place in range(len(runs))]
+    shared = Counter(name for state in found.values() for name in state.shared)
+    return [
+        replace(state, shared={name: part for name, part in state.shared.items() if shared[name] > 1})
+        for _, state in sorted(found.items())
+    ]
 
 
-def state_of(actuator: Actuator, run: Run, *, label: str, before: tuple[Run, RunState] | None = None) -> RunState:
+def restated(
+    actuator: Actuator, runs: Sequence[tuple[Run, RunState | None]], off: Mapping[str, float]
+) -> list[RunState] | None:
+    """States whose water is known along the tangent at what readings say; None where the old tangent ends there too.
+
+    Parameters
+    ----------
+    actuator : Actuator
+    runs : sequence of pair of Run and RunState
+        As their states were.
+    off : mapping of name to float
+        What the readings say, in standard uncertainties.
+    """
+    states = [state for _, state in runs if state is not None]
+    if not any(state.shared for state in states):
+        return None
+    found = states_of(actuator, [run for run, _ in runs], [""] * len(runs), off)
+    both = list(zip(states, found, strict=True))
+    if all(abs(new.content_at(off) - old.content_at(off)) <= _TANGENT * new.own_uncertainty for old, new in both):
+        return None
+    return [replace(old, shared=new.shared, tangent=new.tangent) for old, new in both]
+
+
+def state_of(
+    actuator: Actuator,
+    run: Run,
+    *,
+    label: str,
+    before: tuple[Run, RunState] | None = None,
+    off: Mapping[str, float] = MappingProxyType({}),
+) -> RunState:
     """The water content and the temperature of a strip in a run.
 
     A simulated run knows its water content. It is measured where the run states the mass of the strip and the sample
@@ -97,7 +144,9 @@ def state_of(actuator: Actuator, run: Run, *, label: str, before: tuple[Run, Run
     label : str
         For messages.
     before : pair of Run and RunState, optional
-        The run before it, of the same strip.
+        The run before it, of the same strip; all that makes its state uncertain stands in ``shared``.
+    off : mapping of name to float
+        By how many standard uncertainties that is off on which several runs rest.
 
     Raises
     ------
@@ -133,11 +182,14 @@ def state_of(actuator: Actuator, run: Run, *, label: str, before: tuple[Run, Run
         return RunState(about.water_content, uncertainty, how, temperature, humidity)
     weighed = _weighed(actuator, run, label)
     if weighed is not None:
-        return RunState(*weighed[:2], "measured", temperature, humidity, shared_uncertainty=weighed[2])
-    start = _start(actuator, run, before, temperature)
+        return RunState(
+            *weighed[:2], "measured", temperature, humidity, shared={"observation.ionic_groups": weighed[2]}
+        )
+    start = _start(actuator, run, before, temperature, off)
     if start is not None:
-        water, uncertainty = _computed(actuator, start, air, error)
-        return RunState(water, uncertainty, "computed", temperature, humidity)
+        water, uncertainty, shared = _computed(actuator, start, air, error, off.get(_OF_FILM, 0.0))
+        state = RunState(water, uncertainty, "computed", temperature, humidity, shared=shared)
+        return replace(state, tangent=(2.0 * water - state.content_at(off), uncertainty)) if off else state
     uncertainty = float(slope(values, humidity / 100.0)) * error / 100.0
     return RunState(equilibrium(values, air).water_content, uncertainty, "assumed", temperature, humidity, error)
 
@@ -171,9 +223,9 @@ def _weighed(actuator: Actuator, run: Run, label: str) -> tuple[float, float, fl
 
 
 def _start(
-    actuator: Actuator, run: Run, before: tuple[Run, RunState] | None, temperature: float
-) -> tuple[WaterState, float, float] | None:
-    """A state that is known, its standard uncertainty, and for how long [s] the strip was in this air since.
+    actuator: Actuator, run: Run, before: tuple[Run, RunState] | None, temperature: float, off: Mapping[str, float]
+) -> tuple[WaterState, Mapping[str, float], float] | None:
+    """A state that is known, what makes it uncertain, and for how long [s] the strip was in this air since.
 
     Of liquid water and the run before, the later one is the start.
     """
@@ -185,11 +237,12 @@ def _start(
             since = 60.0 * minutes
         dry = out is None or 60.0 * out >= since
         if dry and then.water_content is not None and then.temperature is not None:
-            state = WaterState(then.water_content, then.temperature)
-            return state, then.standard_uncertainty, min(60.0 * minutes, since)
+            state = WaterState(max(then.content_at(off), 0.0), then.temperature)
+            return state, then.shared, min(60.0 * minutes, since)
     if out is not None:
         error = actuator.standard_uncertainties.get(LIQUID, _LIQUID_ERROR * values[LIQUID])
-        return WaterState(values[LIQUID], temperature), error, 60.0 * out
+        content = max(values[LIQUID] + off.get("observation.liquid_water", 0.0) * error, 0.0)
+        return WaterState(content, temperature), {"observation.liquid_water": error}, 60.0 * out
     return None
 
 
@@ -198,22 +251,35 @@ def _strip(run: Run) -> str | None:
 
 
 def _computed(
-    actuator: Actuator, start: tuple[WaterState, float, float], air: Environment, error: float
-) -> tuple[float, float]:
-    """The water content after a while in some air, with what the start, the humidity and the film leave open."""
+    actuator: Actuator,
+    start: tuple[WaterState, Mapping[str, float], float],
+    air: Environment,
+    error: float,
+    of_film: float,
+) -> tuple[float, float, dict[str, float]]:
+    """The water content after a while in some air, what the start, the humidity and the film leave open, and of that
+    what other runs rest on too.
+
+    Each part is half of what the content differs by between one standard uncertainty more and less: a strip that is
+    nearly in equilibrium would be farther from it behind a slower film, and hardly nearer behind a faster one.
+    """
     state, of_start, seconds = start
     values = dict(actuator.parameter_values)
     relative = actuator.standard_uncertainties.get(FILM, _FILM_ERROR * values[FILM]) / values[FILM]
-    wetter = Environment(air.temperature, min(air.relative_humidity + error, 100.0))
-    drier = Environment(air.temperature, max(air.relative_humidity - error, 0.0))
-    more = WaterState(state.water_content + of_start, state.temperature)
-    middle = water_after(values, state, air, seconds)
-    parts = (
-        water_after(values, more, air, seconds) - middle,
-        0.5 * (water_after(values, state, wetter, seconds) - water_after(values, state, drier, seconds)),
-        water_after({**values, FILM: values[FILM] * (1.0 + relative)}, state, air, seconds) - middle,
-    )
-    return middle, math.hypot(*parts)
+    values[FILM] *= math.exp(of_film * relative)
+    whole = math.hypot(*of_start.values())
+
+    def after(more: float = 0.0, wetter: float = 0.0, faster: float = 0.0) -> float:
+        begin = WaterState(max(state.water_content + more, 0.0), state.temperature)
+        humidity = min(max(air.relative_humidity + wetter, 0.0), 100.0)
+        there = {**values, FILM: values[FILM] * math.exp(faster)}
+        return water_after(there, begin, Environment(air.temperature, humidity), seconds)
+
+    kept = 0.5 * (after(more=whole) - after(more=-whole)) / (whole or 1.0)
+    shared = {name: kept * part for name, part in of_start.items()}
+    shared[_OF_FILM] = shared.get(_OF_FILM, 0.0) + 0.5 * (after(faster=relative) - after(faster=-relative))
+    of_air = 0.5 * (after(wetter=error) - after(wetter=-error))
+    return after(), math.hypot(of_air, *shared.values()), shared
 
 
 def water_after(

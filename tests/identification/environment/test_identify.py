@@ -16,10 +16,12 @@ from ipmclab.fit.fit import Fit
 from ipmclab.identification.problem.free import parse_free
 from ipmclab.identification.problem.priors import with_priors
 from ipmclab.model.declared import declaration_of
-from ipmclab.model.environment import Environment
+from ipmclab.model.environment import Environment, WaterState
+from ipmclab.model.environment.hydration import FILM, LIQUID
 from ipmclab.reporting.many_runs import many_runs_part
 from ipmclab.strip_state.in_state import in_state
 from ipmclab.strip_state.run_state import RunState
+from ipmclab.strip_state.state_of_run import water_after
 
 STRIP = load_actuator("friend-2+environment.permittivity")
 TRUE = STRIP.replace(**{"environment.permittivity.exponent": 0.6})
@@ -51,6 +53,26 @@ def test_the_law_is_found_beside_the_strip_in_its_reference(fit: Fit) -> None:
     assert one.interval[0] < 0.6 < one.interval[1]
     assert fit.actuator["circuit.branches.0.permittivity"] == pytest.approx(0.12, rel=0.1)
     assert not any(finding.code == "prefix-disagrees" for finding in fit.findings)  # other air, another answer
+
+
+@pytest.mark.parametrize(("slower", "wetter"), [(-1.5, 0.0), (1.0, 1.0), (-1.0, -1.0)])
+def test_runs_out_of_water_are_wrong_together(slower: float, wetter: float) -> None:
+    """Film and content in liquid water are the same in all of them: what they are off by averages out in none."""
+    values = TRUE.parameter_values
+    there = {**values, FILM: values[FILM] * np.exp(-0.3 * slower)}
+    begin = WaterState(values[LIQUID] * (1.0 + 0.1 * wetter), 20.0)
+    noise, found = np.random.default_rng(20261129), []
+    for humidity, minutes in ((60.0, 5.0), (60.0, 15.0), (60.0, 40.0), (50.0, 10.0), (50.0, 25.0)):
+        water = water_after(there, begin, Environment(20.0, humidity), 60.0 * minutes)
+        clean = simulate(TRUE.at(WaterState(water, 20.0)), "step 0.5 V", duration=12, rate=8)
+        assert clean.current is not None
+        about = RunMetadata(temperature=20.0, relative_humidity=humidity, minutes_out_of_water=minutes)
+        current = clean.current + 1e-4 * noise.standard_normal(len(clean))
+        found.append(Run.from_arrays(time=clean.time, voltage=clean.voltage, current=current, metadata=about))
+    fit = identify(STRIP, found, free=[*BRANCHES, LAW])
+    for name in (*BRANCHES, LAW):
+        low, high = fit.parameters[name].interval
+        assert low < TRUE[name] < high, name
 
 
 def test_a_prior_of_the_literature_is_marked_as_such(fit: Fit, tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -95,4 +96,6 @@ def test_weighed_runs_share_the_error_of_the_ionic_groups() -> None:
     assert states[1] is not None
     assert states[2] is not None
     assert covariance[first, first] == pytest.approx(states[1].standard_uncertainty ** 2)
-    assert covariance[first, second] == pytest.approx(states[1].shared_uncertainty * states[2].shared_uncertainty)
+    assert covariance[first, second] == pytest.approx(
+        math.prod(one.shared["observation.ionic_groups"] for one in states[1:3] if one is not None)
+    )

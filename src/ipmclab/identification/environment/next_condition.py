@@ -140,8 +140,7 @@ def _information_of(
     single = moves @ _of_parameters(problem, solution, record, here) @ moves.T
     last = len(unknowns)
     single[last, last] += 1.0
-    across = single[:last, last]
-    return np.asarray(single[:last, :last] - np.outer(across, across) / single[last, last])
+    return _without(single, range(last), [last])
 
 
 def _of_parameters(problem: Problem, solution: Solution, record: PreparedRun, here: InState) -> FloatArray:
@@ -165,7 +164,5 @@ def _of_parameters(problem: Problem, solution: Solution, record: PreparedRun, he
 def _without(products: FloatArray, kept: Sequence[int], others: Sequence[int]) -> FloatArray:
     """Information about some unknowns, the others averaged out."""
     own = products[np.ix_(kept, kept)]
-    if not others:
-        return own
     across = products[np.ix_(kept, others)]
     return np.asarray(own - across @ np.linalg.pinv(products[np.ix_(others, others)], hermitian=True) @ across.T)

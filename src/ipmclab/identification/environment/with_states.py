@@ -29,9 +29,8 @@ def with_states(
     if not follows and not scales:
         return list(records)
     doses = {scale: doses_of(runs, scale) for scale in scales}
-    states = [RunState()] * len(runs)
-    if follows:
-        states = states_of(actuator, runs, [record.label for record in records])
+    labels = [record.label for record in records]
+    states = states_of(actuator, runs, labels) if follows else [RunState()] * len(runs)
     return [
         replace(
             record,

@@ -148,13 +148,9 @@ WATER: Final = "observation.water_content"
 HUMIDITY: Final = "observation.humidity"
 """The relative humidity [percent] with which the strip was in equilibrium in one run, where that was assumed."""
 
-SITES: Final = "observation.ionic_groups"
-"""By how much the number of ionic groups is another one than that by which weighed runs were read, in its standard
-uncertainties."""
-
 _START: Final = "observation.initial_state."
 
-_LEAST: Final = 1e-3  # of the error of a weighed run that is its own, were its mass exact
+_LEAST: Final = 1e-3  # of the error of a run's water that is its own, were all of it shared
 
 _AGED: Final = 0.1  # of a logarithm from the first run to the last: what counts as much
 _WATER: Final = (0.7, 40.0)  # water contents that a fit tries: above the percolation of the conductivity
@@ -239,26 +235,24 @@ def known_together(unknowns: Sequence[Unknown], covariance: Table) -> list[Unkno
 def _of_states(free: FreeParameters, records: Sequence[PreparedRun]) -> list[Unknown]:
     """The water content of each run that is not exact, and how fast parameters age."""
     found = []
-    weighed = tuple(one.place for one in records if one.state is not None and one.state.shared_uncertainty > 0.0)
-    if len(weighed) > 1:
-        sites = Unknown(SITES, SITES, None, False, 1.0, -FARTHEST, FARTHEST, nuisance=True, places=weighed)
-        found.append(sites.known(0.0, 1.0))
-    for record in records:
-        state = record.state
-        if state is None or state.water_content is None or state.standard_uncertainty <= 0.0:
+    states = {one.place: one.state for one in records if one.state is not None}
+    for name in dict.fromkeys(name for state in states.values() for name in state.shared):
+        places = tuple(place for place, state in states.items() if name in state.shared)
+        found.append(Unknown(name, name, None, False, 1.0, -FARTHEST, FARTHEST, True, (0.0, 1.0), places=places))
+    for place, state in states.items():
+        if state.water_content is None or state.standard_uncertainty <= 0.0:
             continue
         # What a sensor reads is normal in the humidity: in the water content it would count wet errors for less.
         if state.humidity_uncertainty and state.relative_humidity is not None:
             base, value, error, ends = HUMIDITY, state.relative_humidity, state.humidity_uncertainty, (0.0, 100.0)
         else:
-            base, value, error, ends = WATER, state.water_content, state.standard_uncertainty, _WATER
-        own = _of_run(base, record.place, 1.0, *ends, nuisance=True)
-        if len(weighed) > 1 and record.place in weighed:
-            error = math.sqrt(max(error**2 - state.shared_uncertainty**2, (_LEAST * error) ** 2))
-            own = replace(own, follows={SITES: (state.shared_uncertainty, 1.0)})
-        found.append(own.known(own.inside(value), error))
+            base, (value, error), ends = WATER, state.known, _WATER
+        parts = {name: part / state.known[1] for name, part in state.shared.items()}
+        own = error * math.sqrt(max(1.0 - sum(part**2 for part in parts.values()), _LEAST**2))
+        follows = {name: (error * part, 1.0) for name, part in parts.items()}
+        found.append(replace(_of_run(base, place, 1.0, *ends, nuisance=True).known(value, own), follows=follows))
     for name in free.age:
-        doses = [record.state.doses[Age.of(name).scale] for record in records if record.state is not None]
+        doses = [state.doses[Age.of(name).scale] for state in states.values()]
         span = max(doses, default=0.0) - min(doses, default=0.0)
         found.append(Unknown(name, name, None, False, _AGED / (span or 1.0), -math.inf, math.inf))
     return found
