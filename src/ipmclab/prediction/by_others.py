@@ -87,7 +87,16 @@ class Itself:
 
 
 class Held:
-    """A problem with some of its entries held, and the others moved."""
+    """A problem with some of its entries held, and the others moved.
+
+    Parameters
+    ----------
+    problem : Problem
+    theta : float array, shape (n_unknown,)
+        Where the others are held.
+    moved : list of int
+        The entries that are moved.
+    """
 
     def __init__(self, problem: Problem, theta: FloatArray, moved: list[int]) -> None:
         self._problem, self._theta, self._moved = problem, theta, moved

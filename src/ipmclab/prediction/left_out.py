@@ -20,7 +20,7 @@ from ipmclab.identification.noise.pieces import Key, Piece
 from ipmclab.identification.problem.evaluation import Evaluation
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.problem.record import PreparedRun
-from ipmclab.identification.search.solve import descend
+from ipmclab.identification.search.solve import Solution, descend
 from ipmclab.identification.search.tangent import STRUCTURAL, entry_errors
 from ipmclab.identification.solved import Estimate, solved
 from ipmclab.kinds import tell_kinds
@@ -149,7 +149,7 @@ def _without(fit: Fit, result: Estimate, record: PreparedRun, label: str) -> Lef
     ]
     # A valley that the fit of all leaves open is no straight line, and each fit of others would slide along it.
     open_ones = [place for place in shared if not fit.parameters[order(others.unknowns[place].name)].determined]
-    shifts, p_value = _change(result, others, kept, open_ones)
+    shifts, p_value = _change(result, others, solution, kept, open_ones)
     left = LeftOut(
         label,
         undetermined=(*lost, *(order(unknown.name) for unknown in without_value)),
@@ -191,11 +191,13 @@ def _left(problem: Problem, here: Evaluation, before: Evaluation) -> dict[str, f
     return {name: math.sqrt(now / then) for name, (now, then) in squares.items() if then > 0.0 and now < np.inf}
 
 
-def _change(result: Estimate, others: Problem, kept: list[int], held: Sequence[int]) -> tuple[dict[int, float], float]:
+def _change(
+    result: Estimate, others: Problem, solution: Solution, kept: list[int], held: Sequence[int]
+) -> tuple[dict[int, float], float]:
     """What leaving the run out changes while some entries stay: each in standard errors, and a p-value of all."""
     begin, before = result.solution.theta[kept], result.solution.evaluation
     moved = [place for place in range(len(kept)) if place not in held]
-    found = descend(Held(others, begin, moved), begin[moved], evaluations=EVALUATIONS)
+    found = descend(Held(others, begin, moved), begin[moved], evaluations=EVALUATIONS) if held else solution
     gone = {kept[place] for place in held}
     columns = [column for column in range(len(before.rows) - 1) if column not in gone]
     of_all = Evaluation(before.rows[[*columns, -1]], before.beforehand)

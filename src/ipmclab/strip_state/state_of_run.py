@@ -33,9 +33,7 @@ _PLATED_ERROR: Final = 0.25
 """Likewise by the plated thickness, of which the metal takes a part."""
 
 _FILM_ERROR: Final = 0.3  # of its logarithm, where the actuator states none: 3 to 10 mm/s in still air
-_TANGENT: Final = (
-    0.1  # of what is uncertain in one run alone: water that lies so near along another tangent is the same
-)
+_TANGENT: Final = 0.1  # of what is uncertain in a run alone: water so near along another tangent is the same
 _OF_FILM: Final = "observation.film"
 _LIQUID_ERROR: Final = 0.1  # of the content in liquid water, where the actuator states none
 

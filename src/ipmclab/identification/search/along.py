@@ -21,6 +21,7 @@ from ipmclab.model.declared import MOTION, in_group, is_of_circuit
 from ipmclab.model.stages.circuit import DC, SERIES, slowest_branch
 from ipmclab.model.stages.coupling import GAIN, ZERO
 from ipmclab.model.stages.leak import SLOW_TIME
+from ipmclab.model.stages.relaxation import slow_times
 from ipmclab.model.structure import Structure
 
 _SETTLED: Final = 1e-3  # of chi-square: a further step of the others would lower it by less
@@ -59,8 +60,7 @@ def along_valleys(problem: Problem, solution: Solution, walked: Valley | None = 
         found += held_at(problem, solution, SLOW_TIME, [values[SLOW_TIME] * factor for factor in _SLOWER])
     longest = max(float(record.run.time[-1] - record.run.time[0]) for record in problem.records)
     for output in ("displacement", "force"):
-        slow = [n for n in errors if n.startswith(f"relaxation.{output}") and n.endswith("time_constant")]
-        slowest = max(slow, key=values.__getitem__, default="")
+        slowest = max(slow_times(errors, output), key=values.__getitem__, default="")
         if errors.get(slowest, 0.0) > WEAK:
             found += held_at(problem, solution, slowest, [longest * part for part in _SLOW])
     # The delay of the record without a current of which least is known: the delays of others follow it.

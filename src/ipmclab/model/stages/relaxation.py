@@ -43,6 +43,18 @@ def mode_ratios(names: Iterable[str], drive: str) -> tuple[str, ...]:
     return tuple(name for name in names if name.startswith(mode_name(drive)) and name.endswith(".ratio"))
 
 
+def slow_times(names: Iterable[str], drive: str) -> tuple[str, ...]:
+    """Those of some parameters that are time constants of slow modes of a drive, and of pairs of them.
+
+    Examples
+    --------
+    >>> slow_times(["relaxation.force.0.ratio", "relaxation.force_pair.0.time_constant"], "force")
+    ('relaxation.force_pair.0.time_constant',)
+    """
+    begins = mode_name(drive), mode_name(f"{drive}_pair")
+    return tuple(name for name in names if name.startswith(begins) and name.endswith(".time_constant"))
+
+
 @dataclass(frozen=True)
 class Relaxation:
     """A drive d(s) V less d(0) times slow modes of the node voltage, each with its ratio r at s = 0.
