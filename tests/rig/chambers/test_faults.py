@@ -139,13 +139,13 @@ def test_a_late_answer_is_never_taken_for_that_to_the_next_question(
     if not serial:
         pytest.skip("no pseudo-terminals")
 
-    def ask(kind: Kind) -> None:
+    def ask(case: tuple[Kind, int]) -> None:
+        kind, after = case
         with paired(kind, tmp_path, patience=3.0) as pair:
             pair.chamber.set(*WANTED)
-            for after in range(2):
-                pair.emulator.fault = Fault("late", after=after, lasts=1, seconds=3.5)
-                told = pair.chamber.read()
-                assert (told.temperature, told.mode) == (WANTED[0], "constant")
-                assert told.humidity_set_point == pytest.approx(WANTED[1], abs=0.1)
+            pair.emulator.fault = Fault("late", after=after, lasts=1, seconds=3.5)
+            told = pair.chamber.read()
+            assert (told.temperature, told.mode) == (WANTED[0], "constant")
+            assert told.humidity_set_point == pytest.approx(WANTED[1], abs=0.1)
 
-    at_once(ask, serial)
+    at_once(ask, [(kind, after) for kind in serial for after in range(2)])
