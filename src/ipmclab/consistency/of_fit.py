@@ -13,7 +13,10 @@ from ipmclab.fit.fit import Fit
 from ipmclab.fit.fit_table import changed, with_findings
 from ipmclab.model import Actuator
 from ipmclab.quality import check
+from ipmclab.quality.record import Record
 from ipmclab.quality.scale import CODE as UNIT_OFF
+from ipmclab.quality.scale import wrong_scales
+from ipmclab.quality.usable import noise_only
 from ipmclab.run import Finding, Run
 
 
@@ -54,7 +57,8 @@ def units_off(actuator: Actuator, run: Run, outputs: Collection[str]) -> list[Fi
     run : Run
     outputs : collection of str
     """
-    return [one for one in check(run, actuator) if one.code == UNIT_OFF and one.channel in (None, "voltage", *outputs)]
+    off = wrong_scales(Record.of(run), noise_only(check(run)), actuator)
+    return [one for one in off if one.channel in (None, "voltage", *outputs)]
 
 
 def _said_of_the_file(finding: Finding, fit: Fit, runs: Sequence[Run]) -> Finding:

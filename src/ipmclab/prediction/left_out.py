@@ -159,7 +159,7 @@ def _without(fit: Fit, result: Estimate, record: PreparedRun, label: str) -> Lef
     )
     if np.isinf(errors[shared][np.isfinite(were[shared])]).any():
         return left  # along what they do not show at all the others would stand where this run put them
-    covariance, _ = _covariances(result.correlated, before, others, here, kept)
+    covariance = _covariance(result.correlated, others, here)
     theirs = OtherRuns(fit, others, solution.theta, covariance, order)
     try:
         itself = found_on_itself(whole, theta, theirs, kept, record) if own else None
@@ -180,14 +180,14 @@ def _without(fit: Fit, result: Estimate, record: PreparedRun, label: str) -> Lef
 
 def _left(problem: Problem, here: Evaluation, before: Evaluation) -> dict[str, float]:
     """What is left of each output at a point, over what was left of it before (rms), where little else is missing."""
-    squares: dict[str, list[float]] = {}
+    squares: dict[str, tuple[float, float]] = {}
     for key, piece in problem.pieces.items():
-        both = squares.setdefault(key[1], [0.0, 0.0])
-        for number, there in enumerate((here, before)):
-            both[number] += problem.squares(key, there.residual[piece])
-        size = math.sqrt(problem.squares(key, here.residual[piece]) / max(piece.stop - piece.start, 1))
-        if size * problem.noise[key] > _AT_FLOOR * problem.record_at(key[0]).readings[key[1]].noise:
-            both[0] = np.inf
+        now, then = (problem.squares(key, there.residual[piece]) for there in (here, before))
+        rms = problem.noise[key] * math.sqrt(now / max(piece.stop - piece.start, 1))
+        if rms > _AT_FLOOR * problem.record_at(key[0]).readings[key[1]].noise:
+            now = np.inf
+        of_now, of_then = squares.get(key[1], (0.0, 0.0))
+        squares[key[1]] = of_now + now, of_then + then
     return {name: math.sqrt(now / then) for name, (now, then) in squares.items() if then > 0.0 and now < np.inf}
 
 
@@ -202,7 +202,8 @@ def _change(
     columns = [column for column in range(len(before.rows) - 1) if column not in gone]
     of_all = Evaluation(before.rows[[*columns, -1]], before.beforehand)
     places = [columns.index(kept[place]) for place in moved]
-    covariance, of_change = _covariances(result.correlated, of_all, others, found.evaluation, places)
+    covariance = _covariance(result.correlated, others, found.evaluation)
+    of_change = _covariance_of_change(result.correlated, of_all, others, found.evaluation, places)
     errors = entry_errors(found.evaluation)
     known = [
         number
@@ -235,27 +236,33 @@ def _inverse(here: Evaluation) -> FloatArray:
     return np.asarray(inverse @ inverse.T)
 
 
-def _covariances(
+def _covariance(under: Correlated, others: Problem, here: Evaluation) -> FloatArray:
+    """Of what the other runs find, under the noise that was found."""
+    theirs = here.jacobian @ _inverse(here)
+    known = theirs[len(theirs) - len(_priors(others)) :]
+    covariance = known.T @ known
+    for key, piece in others.pieces.items():
+        covariance += under.covariance_of(theirs[piece], key)
+    return covariance
+
+
+def _covariance_of_change(
     under: Correlated, before: Evaluation, others: Problem, here: Evaluation, kept: list[int]
-) -> tuple[FloatArray, FloatArray]:
-    """Of what the other runs find, and of what leaving the run out changes, under the noise that was found."""
+) -> FloatArray:
+    """Of what leaving the run out changes, under the noise that was found."""
     theirs = here.jacobian @ _inverse(here)
     every = (before.jacobian @ _inverse(before))[:, kept]
-    covariance, of_change = np.zeros((len(kept), len(kept))), np.zeros((len(kept), len(kept)))
+    of_theirs, of_every = _priors(others), _priors(under.problem)
+    known = -every[len(every) - len(of_every) :]
+    known[[of_every.index(name) for name in of_theirs]] += theirs[len(theirs) - len(of_theirs) :]
+    of_change = known.T @ known
     for key, piece in under.problem.pieces.items():
-        change = -every[piece]
         if key in others.pieces:
-            own = theirs[others.pieces[key]]
-            covariance += under.covariance_of(own, key)
-            of_change += under.covariance_of(change + own, key)
+            of_change += under.covariance_of(theirs[others.pieces[key]] - every[piece], key)
         else:
             # What it leaves may be of another strip: its noise is taken to be that of the others.
-            of_change += _as_in_others(under, key, others).covariance_of(change, key)
-    of_theirs, of_every = _priors(others), _priors(under.problem)
-    known = theirs[len(theirs) - len(of_theirs) :]
-    change = -every[len(every) - len(of_every) :]
-    change[[of_every.index(name) for name in of_theirs]] += known
-    return covariance + known.T @ known, of_change + change.T @ change
+            of_change += _as_in_others(under, key, others).covariance_of(-every[piece], key)
+    return of_change
 
 
 def _as_in_others(under: Correlated, key: Key, others: Problem) -> Correlated:

@@ -24,7 +24,9 @@ _FEWEST_AT_REST: Final = 5  # readings, whose mean and scatter say whether a sen
 _MOST_AT_REST: Final = 2000  # readings, the last of them: more would say no more of a zero (convention)
 _SURELY: Final = 3.0  # standard errors of a mean reading (convention)
 _HARDLY: Final = 0.25  # of an offset: until a prediction is as large the strip has not moved much (convention)
-_MOSTLY: Final = 0.5  # of what is missed, or of an offset: what an offset leaves where it is the cause (convention)
+MOSTLY: Final = (
+    0.5  # of what was missed (or of an offset), that a zero or a drift leaves where it is the cause (convention)
+)
 
 
 def sensor_zeros(
@@ -57,8 +59,10 @@ def sensor_zeros(
     if not outputs or rows >= len(record.run) - 1:
         return dict.fromkeys(outputs, 0.0)
     if not rows:
-        moves = _of_motion(model, record, [name for name in outputs if name != "current"])
-        return moves | {"current": _of_wave(model, record)} if "current" in outputs else moves
+        return {
+            output: _of_wave(model, record, answer) if output == "current" else _of_motion(record, output, answer)
+            for output, answer in zip(outputs, predict(model, record, outputs, 0.0), strict=True)
+        }
     answers = np.zeros((len(outputs), rows))
     if np.any(record.run.voltage[:rows]):
         answers = np.asarray(predict(model, record, outputs, 0.0))[:, :rows]
@@ -79,31 +83,25 @@ def rows_that_show_zero(run: Run) -> int:
     return rows if rows >= _FEWEST_AT_REST else 0
 
 
-def _of_wave(model: Actuator, record: PreparedRun) -> float:
+def _of_wave(model: Actuator, record: PreparedRun, answer: FloatArray) -> float:
     reading = record.readings["current"]
-    missed = (reading.values - predict(model, record, ["current"], 0.0)[0])[reading.exact]
+    missed = (reading.values - answer)[reading.exact]
     left = {(record.place, "current"): float(np.sqrt(np.mean(missed**2))) if len(missed) else 0.0}
     return zero_of_wave(record, model.structure.branches, left) or 0.0
 
 
-def _of_motion(model: Actuator, record: PreparedRun, outputs: Sequence[str]) -> dict[str, float]:
-    """The intercepts of readings over the prediction from rest, which hang on no gain; 0 where they explain little."""
-    found = dict.fromkeys(outputs, 0.0)
-    if not outputs or Record.of(record.run).begins_under_voltage:
-        return found
-    for output, predicted in zip(outputs, predict(model, record, outputs, 0.0), strict=True):
-        reading = record.readings[output]
-        if not reading.exact.any():
-            continue
-        answer = predicted[reading.exact]
-        missed = reading.values[reading.exact] - answer
-        offset = float(np.linalg.lstsq(np.column_stack([np.ones(len(answer)), answer]), missed, rcond=1e-12)[0][0])
-        moves = np.abs(answer) >= _HARDLY * abs(offset)
-        first = missed[: int(np.argmax(moves)) if moves.any() else None]
-        is_there = len(first) > 0 and abs(float(first.mean()) - offset) < _MOSTLY * abs(offset)
-        if is_there and np.linalg.norm(missed - offset) < _MOSTLY * np.linalg.norm(missed):
-            found[output] = offset
-    return found
+def _of_motion(record: PreparedRun, output: str, answer: FloatArray) -> float:
+    """The intercept of readings over the answer from rest, which hangs on no gain; 0 where it explains little."""
+    reading = record.readings[output]
+    if Record.of(record.run).begins_under_voltage or not reading.exact.any():
+        return 0.0
+    values, answer = reading.values[reading.exact], answer[reading.exact]
+    missed = values - answer
+    offset = float(np.linalg.lstsq(np.column_stack([np.ones(len(answer)), answer]), missed, rcond=1e-12)[0][0])
+    moves = np.abs(answer) >= _HARDLY * abs(offset)
+    first = missed[: int(np.argmax(moves)) if moves.any() else None]
+    is_there = len(first) > 0 and abs(float(first.mean()) - offset) < MOSTLY * abs(offset)
+    return offset if is_there and np.linalg.norm(missed - offset) < MOSTLY * np.linalg.norm(missed) else 0.0
 
 
 def _zero_of(before: FloatArray, time: FloatArray, fit: Fit | None, output: str) -> float:

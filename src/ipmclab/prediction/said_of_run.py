@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from ipmclab.identification.problem.record import LONGEST_DELAY
-from ipmclab.prediction.read_off import rows_that_show_zero
+from ipmclab.prediction.read_off import MOSTLY, rows_that_show_zero
 from ipmclab.quality.beginning import REPAIR
 from ipmclab.quality.record import Record
 from ipmclab.quality.rows_at_rest import rest_rows
@@ -24,8 +24,6 @@ _GOOD: Final = 50.0
 """Percent of fit of minus the prediction from which on nothing but a sign explains it (convention)."""
 _AGAINST: Final = -0.9
 """Cosine between readings and prediction below which they lie on opposite sides of rest (convention)."""
-_MOSTLY: Final = 0.5
-"""Of what was missed, that a drift leaves where it is the cause (convention)."""
 
 
 def begins_under_voltage(one: RunValidation) -> bool:
@@ -81,7 +79,7 @@ def drifting_outputs(one: RunValidation) -> dict[str, tuple[float, bool]]:
             drifted, missed = float(slope) * (time - time.mean()), missed - missed.mean()
         else:
             continue
-        if np.linalg.norm(missed - drifted) < _MOSTLY * np.linalg.norm(missed):
+        if np.linalg.norm(missed - drifted) < MOSTLY * np.linalg.norm(missed):
             found[name] = float(slope), name in slopes
     return found
 

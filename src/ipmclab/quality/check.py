@@ -96,7 +96,21 @@ def check_record(record: Record, actuator: Actuator | None = None) -> tuple[Find
 
 
 def _checked(record: Record) -> list[Finding]:
-    return _without_echoes([finding for one in _CHECKS for finding in one(record)])
+    return _without_echoes(_without_feigned([finding for one in _CHECKS for finding in one(record)]))
+
+
+def _without_feigned(findings: list[Finding]) -> list[Finding]:
+    """Without what a current only seems to show that was read far before or after the voltage.
+
+    One that comes as many rows late at each edge has its contact, and its sign and whether it falls are judged by what
+    it does within three rows of an edge.
+    """
+    rows = [
+        abs(float(one.values["lead_rows"] or 0)) for one in findings if one.channel == "current" and is_far_off(one)
+    ]
+    feigned = {"contact-missing"} if rows else set()
+    feigned |= {"response-opposite", "current-rises"} if max(rows, default=0.0) > GUARD_ROWS else set()
+    return [one for one in findings if one.channel != "current" or one.code not in feigned]
 
 
 def _without_echoes(findings: list[Finding]) -> list[Finding]:
@@ -104,8 +118,8 @@ def _without_echoes(findings: list[Finding]) -> list[Finding]:
     late = {stop for finding in findings if finding.code == "contact-missing" for _, stop in finding.samples}
     lost = {stop: start for finding in findings if finding.code == "contact-lost" for start, stop in finding.samples}
     ends = late | lost.keys() | {start + shift for start in lost.values() for shift in range(-5, 6)}
-    far_off = [finding for finding in findings if is_far_off(finding) and finding.channel == "current"]
-    ends |= {row + near for one in far_off for piece in one.samples for row in piece for near in (-1, 0, 1)}
+    off = [row for finding in findings if is_far_off(finding) for piece in finding.samples for row in piece]
+    ends |= {row + shift for row in off for shift in (-1, 0, 1)}
     clipped = {finding.channel for finding in findings if finding.code == "clipped"}
     opposite = {finding.channel for finding in findings if finding.code == "response-opposite"}
 
@@ -129,11 +143,6 @@ def _without_echoes(findings: list[Finding]) -> list[Finding]:
                 )
             case "contact-lost":
                 return stops <= late
-            case "response-opposite":
-                # The sign is judged by what the current does within three rows of an edge.
-                return finding.channel == "current" and any(
-                    abs(float(one.values["lead_rows"] or 0)) > GUARD_ROWS for one in far_off
-                )
             case "rate-jump":
                 ends_of_it = late | jumped.get(finding.channel, set())
                 return any(abs(start - row) <= 2 * RATE_ROWS for start in starts for row in ends_of_it)

@@ -8,7 +8,6 @@ from typing import Final
 import numpy as np
 
 from ipmclab.quality.record import GUARD_ROWS, Channel, Record
-from ipmclab.quality.skew import far_off
 from ipmclab.run import Finding
 
 _SHORTEST: Final = 8  # rows: a shorter stretch is not judged (convention)
@@ -25,13 +24,10 @@ def missing_contact(record: Record) -> list[Finding]:
     The current has come when it has moved by a fifth of its largest change on that stretch and
     by eight standard deviations of the noise, and stays. Where it never does, a mean that differs by eight standard
     errors from that before the edge is a current all the same. A voltage that is on from row 0 is no step, unless the
-    run states its rest or a current comes. A current that comes as many rows late at each edge has a contact, but was
-    not read with the voltage (``channel-skew``).
+    run states its rest or a current comes.
     """
     channel = record.channels.get("current")
     edges, ends = record.edges, record.ends
-    if far_off(record)[0]:
-        return []
     if channel is None or not len(edges) or (channel.missing is not None and channel.missing[edges].any()):
         return []
     size = np.abs(record.heights)

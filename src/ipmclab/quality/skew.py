@@ -35,7 +35,7 @@ def channel_skew(record: Record) -> list[Finding]:
         if channel.name == "current":
             rows, count = far_off(record)
             if rows:
-                found.append(_skew(record, channel, rows, count, _between(record, rows)))
+                found.append(_skew(record, channel, rows, count, _between(record, record.edges, rows)))
                 continue
             edges, moved = _edges_of_current(record, channel)
             if not len(edges):
@@ -88,10 +88,9 @@ def far_off(record: Record) -> tuple[int, int]:
     return (lead, len(leads)) if counts.max() >= _ALIKE * len(leads) and abs(lead) >= GUARD_ROWS else (0, 0)
 
 
-def _between(record: Record, lead: int) -> IntArray:
-    """Rows at which a current that is so far off is of another voltage than the record says."""
-    first, stop = min(-lead, 0), max(-lead, 0)
-    rows: IntArray = (record.edges[:, None] + np.arange(first, stop)).ravel()
+def _between(record: Record, edges: IntArray, lead: int) -> IntArray:
+    """Rows at which a current that is so many rows off is of another voltage than the record says."""
+    rows: IntArray = (edges[:, None] + np.arange(min(-lead, 0), max(-lead, 0))).ravel()
     return np.unique(rows[(rows >= 0) & (rows < len(record))])
 
 
@@ -100,10 +99,7 @@ def _early(record: Record, edges: IntArray, lead: int) -> IntArray:
 
     No strip draws a current before its voltage moves. Where the hold is unknown, identification finds when it moved.
     """
-    if lead < 0 or record.run.hold == "unknown":
-        return edges[:0]
-    rows: IntArray = (edges[:, None] - np.arange(1, lead + 1)).ravel()
-    return np.unique(rows)
+    return _between(record, edges, lead) if lead > 0 and record.run.hold != "unknown" else edges[:0]
 
 
 def _edges_of_current(record: Record, channel: Channel) -> tuple[IntArray, FloatArray]:

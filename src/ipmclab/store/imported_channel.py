@@ -45,12 +45,12 @@ class ImportedChannel:
         """The channel over all rows of the record so many rows earlier; where it then has no row it is missing."""
         if not rows:
             return self
-        places = np.arange(len(self.values)) + rows
-        there = (places >= 0) & (places < len(places))
-        values = np.where(there, self.values[np.where(there, places, 0)], np.nan)
-        flags = np.where(there, self.flags[np.where(there, places, 0)], QUALITY_FLAGS["missing"]).astype(np.uint8)
+        moved = self.rows - rows
+        kept = (moved >= 0) & (moved < len(self.values))
         which = f"{abs(rows)} row{'s' if abs(rows) > 1 else ''} {'earlier' if rows > 0 else 'later'}"
-        return replace(self, values=values, flags=flags, scaling=f"{self.scaling}; {which} than in the file")
+        scaling = f"{self.scaling}; {which} than in the file"
+        there = replace(self, values=self.values[kept], flags=self.flags[kept], rows=moved[kept], scaling=scaling)
+        return there.over_all_rows(len(self.values))
 
 
 def read_channel(name: str, channel: ChannelMap, columns: Columns, number: int) -> ImportedChannel:

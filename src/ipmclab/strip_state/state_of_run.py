@@ -35,6 +35,7 @@ _PLATED_ERROR: Final = 0.25
 _FILM_ERROR: Final = 0.3  # of its logarithm, where the actuator states none: 3 to 10 mm/s in still air
 _TANGENT: Final = 0.1  # of what is uncertain in a run alone: water so near along another tangent is the same
 _OF_FILM: Final = "observation.film"
+_OF_LIQUID: Final = "observation.liquid_water"
 _LIQUID_ERROR: Final = 0.1  # of the content in liquid water, where the actuator states none
 
 
@@ -239,8 +240,8 @@ def _start(
             return state, then.shared, min(60.0 * minutes, since)
     if out is not None:
         error = actuator.standard_uncertainties.get(LIQUID, _LIQUID_ERROR * values[LIQUID])
-        content = max(values[LIQUID] + off.get("observation.liquid_water", 0.0) * error, 0.0)
-        return WaterState(content, temperature), {"observation.liquid_water": error}, 60.0 * out
+        content = max(values[LIQUID] + off.get(_OF_LIQUID, 0.0) * error, 0.0)
+        return WaterState(content, temperature), {_OF_LIQUID: error}, 60.0 * out
     return None
 
 
