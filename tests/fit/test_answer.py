@@ -67,7 +67,7 @@ def good(step: Run) -> Fit:
     ("name", "rows", "starts", "causes"),
     [
         ("step_1V", 1635, "Do not use this fit: the record of the current is wrong, as the first", ["contact-lost"]),
-        ("step_2V_poor", None, "This fit can be used to predict the current (residual 3", []),
+        ("step_2V_poor", None, "This fit can be used to predict the current only for voltages and durations like", []),
         ("step_3V", None, "Do not use this fit: the model does not follow the current", ["contact-missing"]),
     ],
 )
@@ -158,6 +158,12 @@ def test_a_fit_of_which_hardly_anything_stands_predicts_voltages_like_its_own() 
     anything = "This fit can be used to predict the current ("
     assert verdict(replace(bare, parameters=left_open(fit, ["circuit.dc_resistivity"]).parameters)).startswith(anything)
     assert verdict(replace(left_open(fit), findings=())).startswith(anything)
+    # A leak that the model lacks passes for a resistance at the one voltage that was applied: from steps and squares of
+    # 2 V a strip with one was fitted to 0.4 % of the range, and a sine of 1.6 V predicted to 82 % of it.
+    known = replace(left_open(fit, list(fit.parameters)), findings=())
+    electrolysed = replace(known, findings=(finding("above-electrolysis", channel="voltage"),))
+    assert verdict(known).startswith(anything)
+    assert verdict(electrolysed).startswith(like_its_own)
     rough = replace(bare, observations=tuple(replace(one, noise={"current": 1.0}) for one in bare.observations))
     assert verdict(rough).startswith("This fit predicts the current only roughly and only for voltages and durations")
 

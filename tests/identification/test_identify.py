@@ -9,7 +9,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.wrong_model import circuit_current, spread_circuit
 from ipmclab import Fit, InputError, Run, RunMetadata, identify, load_actuator, simulate
+from ipmclab.fit.answer import answer_of
 from ipmclab.fit.first_answer import first_answer
 from ipmclab.identification import identify as identify_module
 from ipmclab.model import Actuator, simulate_outputs
@@ -365,6 +367,24 @@ def test_a_current_that_the_electrodes_do_not_allow_is_named(behind_thin_electro
     said = next(finding for finding in behind_thin_electrodes.findings if finding.code == "impossible-current")
     assert "36 ohm" in said.message
     assert said.severity == "error"
+
+
+def test_a_series_resistance_that_was_free_is_no_fault_of_the_record() -> None:
+    """Of a charge that spreads over all times two branches miss the first reading, by a series resistance of their own.
+
+    The curve is followed to 1 % of its range: such a fit was refused, with the advice to free what was free.
+    """
+    run = record("step 1 V delay=5 s", duration=60.0, rate=25.0)
+    spread = circuit_current(spread_circuit(60.0, 3000.0, 0.5, 0.02), run.voltage, 0.04)
+    read = spread + 3e-6 * np.random.default_rng(SEED).standard_normal(len(run))
+    fit = brief(FRIEND, replace(run, current=read), free="electrical,circuit.sheet_resistance")
+    most = 1.0 / (12.0 * fit.parameters["circuit.sheet_resistance"].value)
+    assert float(read.max()) > 1.1 * most
+    assert fit.noise[0]["current"] < 0.01 * float(np.ptp(read))
+    codes = {finding.code for finding in fit.findings}
+    assert "model-error" in codes
+    assert "impossible-current" not in codes
+    assert not answer_of(fit).is_refused
 
 
 @pytest.mark.parametrize(

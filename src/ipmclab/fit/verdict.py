@@ -50,12 +50,21 @@ def verdict(fit: Fit, missed: Collection[str] = ()) -> str:
         use = f"This fit follows the {what} of its own runs, but does not predict the {listed(lost)} of every other run"
     elif (worst is not None and worst > _ROUGH) or any(one.code in IMPOSSIBLE for one in fit.findings):
         use = f"This fit predicts the {what} only roughly"
-    if not lost and hardly_determined(fit):
+    if not lost and _holds_as_read_only(fit):
         use += f"{' and' if use.endswith('roughly') else ''} only for voltages and durations like those of its own runs"
     return f"{use} ({followed}); {_of_parameters(fit)}."
 
 
-def hardly_determined(fit: Fit) -> bool:
+def _holds_as_read_only(fit: Fit) -> bool:
+    """Whether nobody knows what the strip does under other voltages than those of the runs.
+
+    Where water decomposes the current is in no proportion to the voltage: what a model without a leak takes for a
+    resistance is one of the voltages that were applied.
+    """
+    return _hardly_determined(fit) or any(one.code == "above-electrolysis" for one in fit.findings)
+
+
+def _hardly_determined(fit: Fit) -> bool:
     """Whether so little that a fit found is known of the strip itself that it follows its own records, and no more.
 
     Parameters of an observation (a zero, a delay) belong to a record. Of a model that lacks something most of the

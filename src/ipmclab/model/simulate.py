@@ -260,6 +260,7 @@ def _as_run(
             repair="these numbers are beyond floating point: correct the voltage, the rate or the initial state",
         )
     blank_lost(values, OUTPUTS, actuator.parameter_values)
+    values.setflags(write=False)  # once for all four
     current, applied_voltage, displacement, force = values
     about = _about(actuator, None if signal is None else str(signal), from_rest=from_rest, around=around)
     run = Run(

@@ -15,6 +15,8 @@ FloatArray = npt.NDArray[np.float64]
 
 def read_only(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
     """The array, which cannot be written to through this."""
+    if not values.flags.writeable:
+        return values
     view = values.view()
     view.setflags(write=False)
     return view

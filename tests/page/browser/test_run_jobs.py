@@ -148,6 +148,7 @@ def test_stop_is_heard_when_it_is_pressed_as_the_page_changes(page, lab: Path, r
         }"""
     )
     at_zero(lab)
+    page.wait_for_url("**/runs")  # two ways at once would be one too many
     page.goto(page.url.rpartition("/")[0] + "/run")
     page.get_by_text("Stopped; what was recorded is kept.").wait_for()
     assert recorded().metadata.state == "complete"

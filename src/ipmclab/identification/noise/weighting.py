@@ -23,6 +23,7 @@ from ipmclab.identification.noise.at_rest import is_shown_at_rest
 from ipmclab.identification.noise.correlate import Again, Correlated
 from ipmclab.identification.noise.pieces import Key, System, refine_noise
 from ipmclab.identification.noise.whitening import CorrelatedProblem
+from ipmclab.identification.problem.evaluation import Evaluation
 from ipmclab.identification.search.descent import minimum_from
 from ipmclab.identification.search.settled import settled
 
@@ -47,34 +48,38 @@ def weighted(least: Correlated, everywhere: Again) -> tuple[Correlated, Correlat
     other : Correlated or None
         The weighted fit, where it was not taken and the readings do not speak against it.
     """
-    from scipy.special import chdtri
-
     coloured = [key for key, shape in least.shapes.items() if shape.terms.order or shape.terms.walk]
     if not coloured or _are_at_rest_too(least, coloured) is False:
         return least, None
-    here = _fitted(least, everywhere)
-    shown = _are_at_rest_too(here, coloured)
-    if shown is False:
-        return least, None
-    there = least.problem.evaluate(here.solution.theta)
-    # Least squares is to lose no more at the weighted estimate than the noise moves it.
-    lost = there.cost - least.solution.evaluation.cost
-    times = least.inflation(there.residual - least.solution.evaluation.residual)
-    if not lost <= float(chdtri(len(there.rows) - 1, REJECT)) * times:
-        return least, None
+    # What the readings refuse near least squares needs no search for a lower minimum of it.
+    for search in (None, everywhere):
+        here = _fitted(least, search)
+        shown = _are_at_rest_too(here, coloured)
+        there = least.problem.evaluate(here.solution.theta)
+        if shown is False or not _is_moved_by_noise(least, there):
+            return least, None
     as_good = there.cost <= _AS_GOOD**2 * least.solution.evaluation.cost
     return (here, None) if shown and as_good else (least, here)
 
 
-def _fitted(least: Correlated, everywhere: Again) -> Correlated:
-    """Noise and parameters by turns, until both stay; all minima are asked under the first noise."""
+def _is_moved_by_noise(least: Correlated, there: Evaluation) -> bool:
+    """Whether least squares loses no more at another estimate than the noise moves its own."""
+    from scipy.special import chdtri
+
+    lost = there.cost - least.solution.evaluation.cost
+    times = least.inflation(there.residual - least.solution.evaluation.residual)
+    return lost <= float(chdtri(len(there.rows) - 1, REJECT)) * times
+
+
+def _fitted(least: Correlated, everywhere: Again | None) -> Correlated:
+    """Noise and parameters by turns, until both stay; all minima are asked under the first noise, or the nearest."""
     here, shapes = least, dict(least.shapes)
     pieces = {key: piece for key, piece in least.pieces.items() if key in shapes}
     for turn in range(_TURNS):
         whitenings = {key: piece.whitening(shapes[key]) for key, piece in pieces.items()}
         problem = CorrelatedProblem(here.problem.plain, whitenings)
         near = replace(here.solution, evaluation=problem.changed(here.plain))
-        solution = minimum_from(problem, near) if turn else everywhere(problem, near)[1]
+        solution = minimum_from(problem, near) if turn or everywhere is None else everywhere(problem, near)[1]
         # In standard errors.
         moved = np.linalg.norm(solution.evaluation.triangle[:, :-1] @ (solution.theta - here.solution.theta))
         here = replace(here, problem=problem, solution=solution, plain=problem.plain.evaluate(solution.theta))

@@ -13,6 +13,7 @@ from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.problem.record import PreparedRun, Reading
 from ipmclab.identification.problem.response import lumped
 from ipmclab.identification.search.solve import Solution
+from ipmclab.model.stages.circuit import SERIES
 from ipmclab.model.structure import Structure
 from ipmclab.run import Finding, FloatArray
 from ipmclab.units import CHANNELS
@@ -95,7 +96,9 @@ def contradicted_currents(
     swing = largest_swing(record.run.voltage)
     less = " (the zero of its sensor taken off)" if added.any() else ""
     reaches = f"{record.label}: the current reaches {1e3 * largest:.4g} mA{less}"
-    if parts.series and read > swing / parts.series and largest > 1.02 * swing / parts.series:
+    # One that was free is what the readings made of it: what it does not allow the model lacks.
+    is_given = parts.series and not any(unknown.base in SERIES for unknown in problem.unknowns)
+    if is_given and read > swing / parts.series and largest > 1.02 * swing / parts.series:
         most = swing / parts.series
         return [
             Finding(

@@ -196,11 +196,7 @@ def left_of_the_asked(evaluation: Evaluation, nuisance: npt.NDArray[np.bool_]) -
 
 
 def covariance_table(
-    names: Sequence[str],
-    entries: FloatArray,
-    chains: Sequence[float],
-    slopes: Mapping[str, FloatArray],
-    stated: Table,
+    names: Sequence[str], entries: FloatArray, chains: Sequence[float], slopes: Mapping[str, FloatArray], stated: Table
 ) -> dict[str, dict[str, float]]:
     """Covariance [SI] of what was fitted and of what was held at a stated uncertainty, which moves with it.
 

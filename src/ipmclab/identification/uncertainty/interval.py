@@ -216,10 +216,7 @@ def values_within_bounds(unknown: Unknown, low: float, high: float) -> tuple[flo
         least, most = least + AT_BOUND, most - AT_BOUND
     if unknown.prior is not None or unknown.base.startswith("observation."):
         least, most = -math.inf, math.inf
-    return (
-        open_low if low <= least else unknown.value(low),
-        open_high if high >= most else unknown.value(high),
-    )
+    return (open_low if low <= least else unknown.value(low), open_high if high >= most else unknown.value(high))
 
 
 def edges_are_open(asked: Sequence[Unknown], found: Uncertainty) -> bool:
