@@ -97,9 +97,11 @@ def test_stop_works_where_a_browser_can_keep_nothing(tmp_path: Path, open_page, 
         assert page.evaluate("document.documentElement.dataset.theme") == "dark"
         assert faults == ([] if storage == FULL else ["denied"])  # NiceGUI's own
         page.route_web_socket("**/live", lambda _: None)  # open, and never anything to hear
-        page.add_init_script("addEventListener('DOMContentLoaded', () => { lab.patience = 3500 })")
         page.reload()
-        page.get_by_role("alert").filter(has_text="Connection lost").wait_for()
+        page.evaluate("lab.patience = 3500")  # no script before the page: whose is the last is not defined
+        page.wait_for_function(
+            "document.querySelector('[role=alert]:not([hidden])')?.textContent.includes('Connection lost')"
+        )
         recorder.hub.close()
 
 
