@@ -7,6 +7,8 @@ import sys
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -15,7 +17,8 @@ from threadpoolctl import threadpool_info, threadpool_limits
 import ipmclab
 import ipmclab.choosing.choice
 from ipmclab import InputError, IpmclabError, Run, RunMetadata
-from ipmclab.choosing.choice import Candidate, Choice, as_close
+from ipmclab.choosing.choice import Candidate, Choice, as_close, contained_in_excluded
+from ipmclab.choosing.compare import Difference
 
 SEED, RATE = 20261121, 25.0
 WHITE = 1e-4  # A
@@ -352,6 +355,49 @@ def test_a_model_that_misses_readings_by_half_as_much_again_is_not_preferred_for
     assert as_close(alike) == ["branches=3", "branches=2"]
     # By a likelihood that cannot distinguish them the smallest came first: 2.26 mA beside 1.83 and 1.80.
     assert as_close(alike[::-1]) == ["branches=2", "branches=3"]
+
+
+def test_a_smaller_model_is_not_put_back_for_what_its_parameters_may_be_off() -> None:
+    """Without the only slow run each fit misses it by luck: 0.45 mA beside 0.05, and 0.03 beside what that explains."""
+    lucky = Candidate("branches=3", rmse={"current": 4.9e-5}, rmse_left={"current": 2.9e-5})
+    small = Candidate("branches=2", rmse={"current": 4.5e-4}, rmse_left={"current": 2.9e-5})
+    wrong = Candidate("branches=1", rmse={"current": 2.1e-3}, rmse_left={"current": 9.8e-4})
+    assert as_close([small, lucky, wrong]) == ["branches=2", "branches=3"]
+
+
+def test_two_runs_of_which_each_shows_a_branch_choose_no_larger_model() -> None:
+    """A fit without the slow sine does not know the slow branch: three branches missed it less, by luck, and were
+    preferred to the two that there are.
+    """
+    runs = []
+    for place, voltage in enumerate(("sine 1 V 0.03 Hz", "sine 1 V 1 Hz")):
+        clean = ipmclab.simulate(ipmclab.load_actuator("friend-2"), voltage, duration=15.0, rate=20.0)
+        assert clean.current is not None
+        noise = 3.0 * WHITE * np.random.default_rng([SEED, 5, place]).standard_normal(len(clean))
+        about = RunMetadata(starts_from_rest=True, signal=voltage)
+        runs.append(
+            Run.from_arrays(time=clean.time, voltage=clean.voltage, current=clean.current + noise, metadata=about)
+        )
+    choice = ipmclab.choose(runs, "branches=2,3", actuator="friend-2")
+    assert choice["branches=2"].rmse["current"] > 2.0 * choice["branches=3"].rmse["current"]
+    assert choice.preferred == "branches=2"
+    assert any("no further than its parameters may be off" in text for text in choice.sentences)
+
+
+def test_a_part_of_an_excluded_model_that_predicts_worse_is_not_preferred() -> None:
+    """A third branch is clearly needed; that one alone is worse by more and less certainly was no reason to take it."""
+    names = {"branches=3": "abc", "branches=2": "ab", "branches=1": "a"}
+    ranked = [
+        Candidate(name, fit=cast(Any, SimpleNamespace(parameters=dict.fromkeys(of)))) for name, of in names.items()
+    ]
+    said = {"branches=2": (-572.0, 108.0), "branches=1": (-908.0, 506.0)}
+    differences = {
+        (name, "branches=3"): Difference(name, "branches=3", value, error, 2.07, 24)
+        for name, (value, error) in said.items()
+    }
+    assert contained_in_excluded(ranked, differences) == {"branches=1": "branches=2"}
+    other = dict.fromkeys(differences, replace(differences["branches=1", "branches=3"], value=-100.0))
+    assert contained_in_excluded(ranked, other) == {}
 
 
 def test_where_each_model_misses_one_output_the_best_prediction_is_the_answer() -> None:

@@ -217,6 +217,21 @@ def test_of_few_strips_that_are_alike_hardly_any_is_named() -> None:
     assert named <= 20
 
 
+def test_a_strip_that_scatters_more_is_not_named_for_that() -> None:
+    """Seven strips alike, one of which scatters four times as far over its mountings: 11 of these 60 named one."""
+    draw, named = np.random.default_rng(20261129), 0
+    for _ in range(60):
+        rows = [
+            row(
+                1e-3 * math.exp((0.4 if strip == 0 else 0.1) * draw.normal()), sample=f"{strip}", mounting=f"{mounting}"
+            )
+            for strip in range(7)
+            for mounting in range(3)
+        ]
+        named += any(one.is_unlike for one in modelled(rows).strip_deviations())
+    assert named <= 5
+
+
 def test_too_few_runs_make_no_model() -> None:
     assert model_metric("displacement.largest", "step", [row(1.0), row(2.0)], EVERY) is None
     assert model_metric("displacement.largest", "step", [row(1.0)] * 5, EVERY) is None

@@ -146,3 +146,20 @@ def test_parameters_of_strips_tell_the_next_one(tmp_path: Path, capsys: pytest.C
     assert run(["compare", paths[0], paths[0]]) == 2
     assert "two fits are of the strip 'a'" in capsys.readouterr().err
     assert run(["compare", *paths, "--by", "voltage"]) == 2
+
+
+def test_a_strip_that_scatters_more_is_not_named_for_that() -> None:
+    """By what the others scatter the chance that a strip is as far out was 0.05 %."""
+    draw = np.random.default_rng(20261129)
+    rows = [
+        row(1e-3 * float(np.exp(0.05 * draw.normal())), sample=f"{strip}", mounting=f"{mounting}")
+        for strip in range(7)
+        for mounting in range(3)
+    ]
+    noisy = [row(1e-3 * size, sample="noisy", mounting=f"{place}") for place, size in enumerate((0.9, 1.3, 2.0))]
+    steady = [row(1e-3 * size, sample="steady", mounting=f"{place}") for place, size in enumerate((1.31, 1.34, 1.37))]
+    for own, is_unlike in ((noisy, False), (steady, True)):
+        model = model_metric("displacement.largest", "step", rows + own, ())
+        assert model is not None
+        first = population_of(model).strip_deviations[0]
+        assert (first.sample, first.is_unlike) == (own[0].sample, is_unlike)

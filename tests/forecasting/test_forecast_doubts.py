@@ -146,3 +146,10 @@ def test_a_coupling_that_no_fit_gave_is_said() -> None:
         assert "coupling-not-identified" in codes(model, run)
     assert "coupling-not-identified" not in codes(identify(strip(), run, free="coupling.gain"), run)
     assert "coupling-not-identified" not in codes(strip(), run)  # no fit: whose values these are is not said
+
+
+def test_a_voltage_that_has_not_moved_yet_is_said() -> None:
+    run = replace(record(strip()), voltage=np.where(record(strip()).time < 45.0, 0.0, 1.0))
+    assert codes(strip(), run) == ["plan-not-shown"]
+    assert codes(strip(), run, origin=60.0) == []
+    assert codes(strip(), replace(run, voltage=np.zeros(len(run)))) == []

@@ -9,7 +9,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ipmclab import InputError, IpmclabError, Run, RunMetadata, bootstrap, identify, load_actuator, read_fit, write_fit
+from ipmclab import (
+    InputError,
+    IpmclabError,
+    Run,
+    RunMetadata,
+    bootstrap,
+    identify,
+    load_actuator,
+    read_fit,
+    simulate,
+    write_fit,
+)
 from ipmclab.fit.fit import Fit
 from ipmclab.refitting.bootstrap import Bootstrap
 from tests.independent.bounds import ELECTRICAL, noisy_current, relative_errors, step_and_sine
@@ -94,7 +105,26 @@ def test_it_is_told_in_a_line_for_each_parameter() -> None:
     ]
 
 
-def test_too_few_draws_and_a_fit_from_a_file_are_refused(fit: Fit, tmp_path: Path) -> None:
+def test_where_an_edge_lies_between_its_rows_errors_are_as_far_off_as_the_fit_says() -> None:
+    """What rows confine is off by no more for noise that lasts: the fit said 1.5 times as much as it scatters."""
+    fast = "circuit.branches.0.permittivity"
+    for later in (8, 16):  # twentieths of a period after the edges
+        clean = simulate(FRIEND, "step 1 V delay=1 s", duration=20.1, rate=500.0)
+        assert clean.current is not None
+        rows = 20 * np.arange(500)
+        noise = NOISE * np.random.default_rng([SEED, later]).standard_normal(500)
+        record = Run.from_arrays(
+            time=0.04 * np.arange(500),
+            voltage=clean.voltage[rows],
+            current=clean.current[rows + later] + noise,
+            hold="unknown",
+            metadata=RunMetadata(starts_from_rest=True),
+        )
+        fit = identify(FRIEND, record, free="electrical")
+        assert fit.parameters[fast].standard_error < 1.3 * bootstrap(fit, 60).standard_errors[fast]
+
+
+def test_under_correlated_noise_draws_and_a_fit_from_a_file_are_refused(fit: Fit, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="39 draws") as caught:
         bootstrap(fit, 39)
     assert caught.value.code == "out-of-range"

@@ -40,6 +40,9 @@ class Candidate:
         Log predictive likelihood of all held-out readings (SI units).
     rmse : mapping of output to float [SI]
         Of the held-out readings.
+    rmse_left : mapping of output to float [SI]
+        The same; of whole runs less what these errors have along what the parameters may be off in a fit without the
+        run. A model is not put back for a parameter that the other runs do not show.
     aic, bic : float or None
         Of the fit to all runs, with correlated noise; smaller is better.
     log_likelihood : float or None [nat]
@@ -59,6 +62,7 @@ class Candidate:
     parameters: int = 0
     log_predictive: float | None = None
     rmse: Mapping[str, float] = field(default_factory=dict)
+    rmse_left: Mapping[str, float] = field(default_factory=dict)
     aic: float | None = None
     bic: float | None = None
     log_likelihood: float | None = None
@@ -79,18 +83,59 @@ def as_close(candidates: Sequence[Candidate]) -> list[str]:
     """The models whose held-out error of every output is near the least of them.
 
     A record in which most of what a branch explains happens once cannot prove it by the scatter of its blocks; a
-    model that misses readings by half as much again is not as good for that.
+    model that misses readings by half as much again is not as good for that. But where a fit without a run does not
+    know a parameter, how far it misses that run is luck, the larger model's too: what the parameters may be off is no
+    reason to put a smaller one back.
 
     Parameters
     ----------
     candidates : sequence of Candidate
         That the records cannot distinguish, the best prediction first: it is the answer where each misses one output.
     """
-    least = {output: min(one.rmse[output] for one in candidates) for output in candidates[0].rmse}
-    near = [
-        one.name for one in candidates if all(one.rmse[output] <= AS_CLOSE * size for output, size in least.items())
-    ]
+    near = [one.name for one in candidates if is_close(one, candidates) or is_close(one, candidates, left=True)]
     return near or [candidates[0].name]
+
+
+def is_close(one: Candidate, candidates: Sequence[Candidate], *, left: bool = False) -> bool:
+    """Whether its held-out error of every output is near the least, or what the parameters' errors ``left`` of it."""
+
+    def errors(of: Candidate) -> Mapping[str, float]:
+        return {**of.rmse, **of.rmse_left} if left else of.rmse
+
+    return all(
+        size <= AS_CLOSE * min(errors(other)[output] for other in candidates) for output, size in errors(one).items()
+    )
+
+
+def contained_in_excluded(
+    candidates: Sequence[Candidate], differences: Mapping[tuple[str, str], Difference]
+) -> dict[str, str]:
+    """Models that scatter alone does not exclude, each with the excluded one of which it is a part.
+
+    Where a branch more is not enough, none is not either: it predicted worse still, by so much that nothing is certain.
+
+    Parameters
+    ----------
+    candidates : sequence of Candidate
+        That could be compared, the best prediction first.
+    differences : mapping of (name, name) to Difference
+    """
+    best, *others = candidates
+    found: dict[str, str] = {}
+    excluded: list[Candidate] = []
+    for one in others:
+        if differences[one.name, best.name].is_distinguished:
+            excluded.append(one)
+            continue
+        larger = [other.name for other in excluded if _is_part(one, other) and _is_part(other, best)]
+        if larger:
+            found[one.name] = larger[0]
+    return found
+
+
+def _is_part(one: Candidate, other: Candidate) -> bool:
+    """Whether the parameters of a model are some of those of another."""
+    return one.fit is not None and other.fit is not None and set(one.fit.parameters) < set(other.fit.parameters)
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,29 +218,12 @@ class Choice(Shown):
             were = "was" if len(self.unfinished) == 1 else "were"
             lines.append(f"Interrupted: {listed(self.unfinished)} {were} not finished, and {were} not compared.")
         against = [(one, self.differences[one.name, self.best]) for one in ranked[1:]]
-        alike = [one for one, difference in against if not difference.is_distinguished]
+        parts = contained_in_excluded(ranked, self.differences)
+        alike = [one for one, difference in against if not difference.is_distinguished and one.name not in parts]
         if alike:
-            lines.append(f"These records cannot distinguish {listed([self.best, *(one.name for one in alike)])}.")
-            these = [self[self.best], *alike]
-            close = as_close(these)
-            of = "these" if len(close) == len(these) else f"those whose RMSE is at most {AS_CLOSE:g} times the least"
-            if any(self[name].parameters != self[self.preferred].parameters for name in close):
-                reason = f"it has the fewest parameters of {of}"
-            elif len(close) > 1:
-                reason = f"of {of} it predicted best, and none has fewer parameters"
-            elif self.preferred == self.best:
-                reason = (
-                    f"it predicted best, and no other one is within {AS_CLOSE:g} times the least RMSE of each output"
-                )
-            else:
-                reason = f"its RMSE is the least, and that of the others is more than {AS_CLOSE:g} times as large"
-            lines.append(f"{self.preferred} is preferred: {reason} ({self[self.preferred].parameters} parameters).")
-            lines += [
-                f"{one.name} is not excluded: it predicts worse by {abs(difference.value):.3g} nats, with a standard "
-                f"error of {difference.standard_error:.3g}."
-                for one, difference in against
-                if one in alike and one.name not in close
-            ]
+            lines += self._why_preferred(alike)
+        elif len(ranked) > 1 and parts:
+            lines.append(f"{self.best} predicts best.")
         elif len(ranked) > 1:
             lines.append(f"{self.best} predicts best, and the records distinguish it from every other model.")
         else:
@@ -204,10 +232,16 @@ class Choice(Shown):
             if difference.is_distinguished:
                 size = f"{abs(difference.value):.3g} nats, standard error {difference.standard_error:.2g}"
                 lines.append(f"{one.name} predicts worse than {self.best} (by {size}).")
+            elif one.name in parts:
+                lines.append(
+                    f"{one.name} predicts worse than {self.best} by {abs(difference.value):.3g} nats, with a standard "
+                    f"error of {difference.standard_error:.3g}; it is a part of {parts[one.name]}, which predicts "
+                    "better than it and is excluded."
+                )
         lines += [*self._by_criteria(), *self._still_lacking(), *self._left_open()]
         lines += [
-            f"{one.name}: only {listed(labels)} shows {stage}, and without it the fit leaves that stage open. So "
-            "whole runs cannot judge it: hold out blocks of time (--hold-out blocks)."
+            f"{one.name}: {_shown_in(stage, labels)} the fit leaves that stage open. So whole runs cannot judge it: "
+            "hold out blocks of time (--hold-out blocks)."
             for one in ranked
             if one.name != self.preferred or alike
             for stage, labels in one.shown_in_one.items()
@@ -228,6 +262,35 @@ class Choice(Shown):
         if self.unscored:
             lines.append(f"Not every model reads the {listed(self.unscored)}: that was left out of the comparison.")
         return tuple(lines)
+
+    def _why_preferred(self, alike: Sequence[Candidate]) -> list[str]:
+        """Which models cannot be distinguished from the best, and why one of them is preferred."""
+        these, own = [self[self.best], *alike], self[self.preferred]
+        lines = [f"These records cannot distinguish {listed([one.name for one in these])}."]
+        close = as_close(these)
+        of = "these" if len(close) == len(these) else f"those whose RMSE is at most {AS_CLOSE:g} times the least"
+        if any(self[name].parameters != own.parameters for name in close):
+            reason = f"it has the fewest parameters of {of}"
+        elif len(close) > 1:
+            reason = f"of {of} it predicted best, and none has fewer parameters"
+        elif self.preferred == self.best:
+            reason = f"it predicted best, and no other one is within {AS_CLOSE:g} times the least RMSE of each output"
+        else:
+            reason = f"its RMSE is the least, and that of the others is more than {AS_CLOSE:g} times as large"
+        lines.append(f"{self.preferred} is preferred: {reason} ({own.parameters} parameters).")
+        for one in alike:
+            if one.name not in close:
+                difference = self.differences[one.name, self.best]
+                lines.append(
+                    f"{one.name} is not excluded: it predicts worse by {abs(difference.value):.3g} nats, with a "
+                    f"standard error of {difference.standard_error:.3g}."
+                )
+        if not is_close(own, these) and is_close(own, these, left=True):
+            lines.append(
+                f"{own.name} misses the held-out readings by more than {AS_CLOSE:g} times the least RMSE, but no "
+                "further than its parameters may be off in the fits without them."
+            )
+        return lines
 
     def _by_criteria(self) -> list[str]:
         """Where AIC or BIC is clearly less for another model than the preferred one."""
@@ -299,6 +362,12 @@ class Choice(Shown):
             "models": [_as_dict(self, one) for one in self.candidates],
             "differences": [_difference(one) for one in self.differences.values()],
         }
+
+
+def _shown_in(stage: str, labels: Sequence[str]) -> str:
+    if len(labels) == 1:
+        return f"only {labels[0]} shows {stage}, and without it"
+    return f"{stage} shows only in {listed(labels)} together, and without one of them"
 
 
 def _as_dict(choice: Choice, one: Candidate) -> dict[str, Any]:

@@ -175,11 +175,12 @@ def _judged(
 ) -> tuple[Candidate, HeldOut]:
     """A model with what it says of the readings that were held out; ``stages`` are those that not every model has."""
     assert one.fit is not None
-    noise, said = judged_held_out(parts, division)
+    noise, said, left = judged_held_out(parts, division)
     judged = replace(
         one,
         log_predictive=float(said.score.sum()),
         rmse=held_out_rmse(parts, division),
+        rmse_left=left,
         noise=noise,
         shown_in_one=shown_in_one(one.fit, stages, parts, division),
     )

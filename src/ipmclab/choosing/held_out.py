@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import Final
 
 import numpy as np
@@ -35,6 +36,9 @@ _Explained = Mapping[tuple[int, str], FloatArray]
 """Of the number of a block, and an output: what its errors have along what the parameters may be off [SI]."""
 
 _AGAIN: Final = 3  # times that the noise is sought in what the parameters leave (a limit)
+_WIDER: Final = 2.0  # times as wide, at each step of the search for how far parameters are off (convention)
+_WIDENED: Final = 8  # such steps at most (a limit)
+_SEEN: Final = 1e-6  # of the largest: how far errors move along slopes that are more than rounding
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,33 +208,90 @@ def _series(division: Division, place: int, comparisons: Mapping[str, Comparison
     return found
 
 
-def judged_held_out(folds: Sequence[Fold], division: Division) -> tuple[dict[str, FadingNoise], HeldOut]:
+def judged_held_out(
+    folds: Sequence[Fold], division: Division
+) -> tuple[dict[str, FadingNoise], HeldOut, dict[str, float]]:
     """The noise of each output under which the held-out errors of this model are most likely, and what it says of them.
+
+    Last comes the RMSE [SI]; of whole runs of what the errors have not along what the parameters may be off.
 
     What errors have along what the parameters may be off is no noise: a fit that never saw an edge is wrong at all
     edges of the run that was held out. So the noise is sought again in what that leaves, as long as it makes the
-    errors more likely.
+    errors more likely. Of whole runs it is sought from what the slopes leave of them, too: an error of parameters that
+    is far larger than all noise would else be taken for noise from the start.
     """
-    noise = _noise_of(folds, division, {})
-    said, explained = score_blocks(folds, division, noise)
+    starts: list[_Explained] = [{}, *([_along_slopes(folds, division)] if division.whole_runs else [])]
+    noise, said, explained = max(
+        (_judged_from(start, folds, division) for start in starts), key=lambda found: found[1].score.sum()
+    )
+    # Blocks are of one strip at one time: there an error of the parameters is no luck.
+    return noise, said, held_out_rmse(folds, division, explained if division.whole_runs else {})
+
+
+def _judged_from(
+    start: _Explained, folds: Sequence[Fold], division: Division
+) -> tuple[dict[str, FadingNoise], HeldOut, _Explained]:
+    """The same with the noise first sought in what a start leaves, and what the errors of the parameters explain."""
+    noise = _noise_of(folds, division, start)
+    said, explained = _most_likely(folds, division, noise)
     for _ in range(_AGAIN):
         other = _noise_of(folds, division, explained)
-        there, by_other = score_blocks(folds, division, other)
+        there, by_other = _most_likely(folds, division, other)
         if not there.score.sum() > said.score.sum():
             break
         noise, said, explained = other, there, by_other
-    return noise, said
+    return noise, said, explained
+
+
+def _along_slopes(folds: Sequence[Fold], division: Division) -> _Explained:
+    """What of the errors of each run that is held out whole lies along its slopes, by least squares."""
+    found: dict[tuple[int, str], FloatArray] = {}
+    for number, block in enumerate(division.blocks):
+        for output in division.outputs_of(block.run):
+            series = folds[block.fold].residuals[block.run, output]
+            columns, seen = folds[block.fold].slopes[block.run, output], series.observed
+            size = np.sqrt((columns[seen] ** 2).sum(axis=0))
+            inside = columns[:, size > 0.0] / size[size > 0.0]
+            by = np.linalg.lstsq(inside[seen], series.residual[seen], rcond=_SEEN)[0]
+            found[number, output] = (inside @ by)[block.start : block.stop]
+    return found
+
+
+def _most_likely(
+    folds: Sequence[Fold], division: Division, noise: Mapping[str, FadingNoise]
+) -> tuple[HeldOut, _Explained]:
+    """What is said where the parameters of a fold are off by as many times their errors as makes it most likely.
+
+    Along a valley errors are no straight lines: a fit that does not determine a parameter may miss a run by many times
+    what they say, and by how many is luck. Of blocks of time the errors are as they are.
+    """
+    said, explained = score_blocks(folds, division, noise)
+    if not division.whole_runs:
+        return said, explained
+    of_fold = np.array([block.fold for block in division.blocks])
+    times, rising = np.ones(len(folds)), np.ones(len(folds), dtype=bool)
+    for _ in range(_WIDENED):
+        there, wider = score_blocks(folds, division, noise, np.where(rising, _WIDER, 1.0) * times)
+        gained = np.bincount(of_fold, there.score - said.score, minlength=len(folds))
+        rising &= gained > 0.0
+        if not rising.any():
+            break
+        times[rising] *= _WIDER
+        said, explained = (there, wider) if rising.all() else score_blocks(folds, division, noise, times)
+    return said, explained
 
 
 def _noise_of(folds: Sequence[Fold], division: Division, explained: _Explained) -> dict[str, FadingNoise]:
     return {output: fit_noise(_held_out(folds, division, output, explained)) for output in division.outputs}
 
 
-def held_out_rmse(folds: Sequence[Fold], division: Division) -> dict[str, float]:
-    """Root mean square of the held-out errors of each output [SI]."""
+def held_out_rmse(
+    folds: Sequence[Fold], division: Division, explained: _Explained = MappingProxyType({})
+) -> dict[str, float]:
+    """Root mean square of the held-out errors of each output, less what explains them [SI]."""
     found = {}
     for output in division.outputs:
-        errors = np.concatenate([one.residual[one.observed] for one in _held_out(folds, division, output, {})])
+        errors = np.concatenate([one.residual[one.observed] for one in _held_out(folds, division, output, explained)])
         found[output] = math.sqrt(float(np.mean(errors**2)))
     return found
 
@@ -250,7 +311,7 @@ def _held_out(folds: Sequence[Fold], division: Division, output: str, explained:
 
 
 def score_blocks(
-    folds: Sequence[Fold], division: Division, noise: Mapping[str, FadingNoise]
+    folds: Sequence[Fold], division: Division, noise: Mapping[str, FadingNoise], times: FloatArray | None = None
 ) -> tuple[HeldOut, _Explained]:
     """The log predictive density of every block, given the readings that the fit saw.
 
@@ -260,10 +321,12 @@ def score_blocks(
     held out whole nothing was observed: its blocks follow each other.
 
     The parameters are not known better than the readings of the fit allow under this noise: along what they may be off,
-    the prediction is so much wider. Beside the densities comes what the errors of each block and output have along it,
-    as far as they show it [SI].
+    the prediction is so much wider, in each fold by so many ``times`` where that is given. Beside the densities comes
+    what the errors of each block and output have along it, as far as they show it [SI].
     """
     off_by = [_off_by(fold, place, division, noise) for place, fold in enumerate(folds)]
+    if times is not None:
+        off_by = [factor * own for factor, own in zip(times, off_by, strict=True)]
     scores = np.zeros(len(division.blocks))
     innovation: list[FloatArray] = []
     variance: list[FloatArray] = []

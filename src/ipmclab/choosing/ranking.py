@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ipmclab.choosing.choice import Candidate, Choice, as_close
+from ipmclab.choosing.choice import Candidate, Choice, as_close, contained_in_excluded
 from ipmclab.choosing.compare import HeldOut, difference
 from ipmclab.choosing.held_out import Division, Key, residuals
 from ipmclab.choosing.noise import FadingNoise, ResidualSeries, fit_noise
@@ -43,7 +43,8 @@ def ranked_choice(
         if first != second
     }
     best = order[0]
-    alike = [best, *(name for name in order[1:] if not differences[name, best].is_distinguished)]
+    parts = contained_in_excluded([candidates[name] for name in order], differences)
+    alike = [best, *(name for name in order[1:] if not differences[name, best].is_distinguished and name not in parts)]
     close = as_close([candidates[name] for name in alike])
     preferred = min(close, key=lambda name: (candidates[name].parameters, order.index(name)))
     left = {name: _left(runs, candidates[name], division) for name in order}

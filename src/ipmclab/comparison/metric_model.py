@@ -19,6 +19,7 @@ from ipmclab.comparison.factors import Factor, levels_of
 from ipmclab.comparison.mixed import RESIDUAL, Estimate, MixedFit, fit_mixed
 from ipmclab.comparison.mixed_blocks import FloatArray
 from ipmclab.comparison.over_strips import EachLeftOut, each_left_out
+from ipmclab.comparison.own_scatter import OwnScatter, own_scatter
 from ipmclab.comparison.table import RunRow
 from ipmclab.quality.metrics import Metric
 
@@ -254,11 +255,11 @@ class MetricModel:
             if STRIP in fit.unseen and _repeats(strips):
                 continue
             mine = [row for row in self.rows if row.sample == sample]
-            expected = _of_strips(fit.new_reading(self.design[own].mean(axis=0), shares_of(mine)), x, strips)
-            deviation = Estimate(
-                float(self.values[own].mean()) - expected.value, expected.standard_error, expected.freedom
-            )
-            found.append((sample, deviation))
+            shares = shares_of(mine)
+            expected = _of_strips(fit.new_reading(self.design[own].mean(axis=0), shares), x, strips)
+            scatter = own_scatter(self.values[own] - self.design[own] @ fit.coefficients, _mountings(mine))
+            usual = sum(shares[name] * fit.variances.get(name, 0.0) for name in (RESIDUAL, MOUNTING))
+            found.append((sample, _welch(expected, float(self.values[own].mean()), scatter, usual)))
         return self.judged([(sample, deviation.value, deviation.p_value) for sample, deviation in found])
 
     def judged(self, found: Sequence[tuple[str, float, float]]) -> tuple[StripDeviation, ...]:
@@ -367,6 +368,16 @@ def _of_strips(expected: Estimate, design: FloatArray, strips: Sequence[str]) ->
     of 3 to 5 strips that differed its 95 % held the next one in 90 to 96 %, and named one as unlike in up to 13 %.
     """
     return replace(expected, freedom=min(expected.freedom, _freedom_of_strips(design, strips)))
+
+
+def _welch(expected: Estimate, mean: float, own: OwnScatter, usual: float) -> Estimate:
+    """How far the mean of a strip is from what was expected, where its own readings may scatter more than is usual."""
+    among, more = expected.standard_error**2, float(own.beyond(usual))
+    if more == 0.0:
+        return replace(expected, value=mean - expected.value)
+    freedom = (among + more) ** 2 / (among**2 / expected.freedom + more**2 / own.freedom)
+    # Two variances together are known better than one; but more scatter is no reason to name a strip sooner.
+    return Estimate(mean - expected.value, math.sqrt(among + more), min(freedom, expected.freedom))
 
 
 def _freedom_of_strips(design: FloatArray, strips: Sequence[str]) -> float:

@@ -16,12 +16,13 @@ from typing import Final
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import ndtr
+from scipy.special import ndtr, stdtr
 
 from ipmclab.comparison.compare import HEADLINES, Comparison
 from ipmclab.comparison.fits import WIDE, mixture_quantiles
 from ipmclab.comparison.metric_model import MOUNTING, STRIP, MetricModel, StripDeviation, shares_of
 from ipmclab.comparison.mixed import RESIDUAL
+from ipmclab.comparison.own_scatter import own_scatter
 from ipmclab.comparison.table import RunRow
 from ipmclab.errors import InputError, IpmclabError
 from ipmclab.posterior.convergence import Convergence
@@ -365,12 +366,22 @@ def _deviations(
         mine = [row for row in model.rows if row.sample == sample_id]
         shares = shares_of(mine)
         centre, variance = rest.expected(drawn, model.design[own].mean(axis=0))
-        deviation = np.sqrt(variance + drawn @ [shares[name] for name in _COMPONENTS])
+        among = variance + drawn @ [shares[name] for name in _COMPONENTS]
+        scatter = own_scatter(_less_effects(model, own, x), [row.mounting for row in mine])
+        more = scatter.beyond(drawn[:, :2] @ [shares[name] for name in _COMPONENTS[:2]])
         value = float(model.values[own].mean())
-        below = float(weights @ ndtr((value - centre) / deviation))
-        away = value - float(weights @ centre)
-        found.append((sample_id, away, 2.0 * min(below, 1.0 - below)))
+        # Of each draw the scatter among strips is given; that of the strip itself is known by its own readings.
+        freedom = scatter.freedom * ((among + more) / np.where(more > 0.0, more, 1.0)) ** 2
+        away = (value - centre) / np.sqrt(among + more)
+        below = float(weights @ np.where(more > 0.0, stdtr(freedom, away), ndtr(away)))
+        found.append((sample_id, value - float(weights @ centre), 2.0 * min(below, 1.0 - below)))
     return model.judged(found)
+
+
+def _less_effects(model: MetricModel, own: npt.NDArray[np.bool_], others: FloatArray) -> FloatArray:
+    """The readings of a strip less what the factors do in the others."""
+    effects = np.linalg.lstsq(others, model.values[~own])[0]
+    return np.asarray(model.values[own] - model.design[own] @ effects)
 
 
 def _of_the_others(model: MetricModel, own: npt.NDArray[np.bool_], rest: _Sums, seed: int, steps: int) -> FloatArray:

@@ -133,6 +133,18 @@ def reach_finding(time: FloatArray, mean: FloatArray, free_length: float) -> Fin
     )
 
 
+def not_shown_finding(channel: str) -> Finding:
+    """That the voltage moves for the first time beyond the origin: nothing shows how far its answer may be off."""
+    return Finding(
+        "plan-not-shown",
+        "warning",
+        f"up to the origin no reading of the {channel} shows an answer to the voltage, and the plan moves it: the band "
+        "does not hold how far that answer may be off",
+        "give an origin after the voltage has come on, or validate the actuator with another run of this strip",
+        channel=channel,
+    )
+
+
 def table_without(table: Mapping[str, Any] | None, gone: Sequence[str]) -> dict[str, Any] | None:
     """A ``[fit]`` table without some parameters: what it says of the others, of its runs and findings, stays."""
     entries, rows = entries_of(table), (table or {}).get("correlations")

@@ -8,7 +8,8 @@ import numpy as np
 
 from ipmclab.errors import InputError
 from ipmclab.fit.fit import Fit
-from ipmclab.forecasting.doubts import reach_finding, table_without
+from ipmclab.forecasting.doubts import not_shown_finding, reach_finding, table_without
+from ipmclab.forecasting.first_edge import missed_of_plan
 from ipmclab.forecasting.forecast_values import Forecast, known_channel
 from ipmclab.forecasting.forecasters import HORIZONS, LEARNT, Forecaster, Line, SlowAnswer, judge, past_origins, shown
 from ipmclab.forecasting.past import SETTLE, Past, read_past
@@ -126,9 +127,11 @@ def forecast(
     slow = SlowAnswer(past, origins)
     forecasters: dict[str, Forecaster] = {"line": Line(past, origins), "slow answer": slow}
     plans = [np.zeros(len(past.ahead)), slow.planned()]
+    in_full, answering = plans[1], slow
     if past.response is not None:
         forecasters["actuator"] = answered = SlowAnswer(past, origins, past.response)
         plans.append(answered.planned() + past.response_to_plan)
+        in_full, answering = past.response_to_plan, answered
     pairs = judge(past, origins, list(forecasters.values()), horizon)
     if len(pairs.lead) < FEWEST_ORIGINS:
         raise _too_soon(past, horizon)
@@ -136,12 +139,14 @@ def forecast(
     # Where the voltage moved in the past, the weights are those of what each said of that; where it always stayed no
     # miss shows what a move does.
     known = shown(past, origins, horizon)
-    in_full = plans[1] if past.response is None else past.response_to_plan
     plan = known * (np.column_stack(plans) @ weights) + (1.0 - known) * in_full
     moves = np.column_stack([one.ahead() for one in forecasters.values()]) @ weights
     mean = past.readings[past.now] + moves + plan
     half = half_width(pairs, weights, past.leads, level, scatter=past.scatter)
-    beyond = reach_finding(past.ahead, mean, past.free_length)
+    missed = missed_of_plan(past, answering.of_first_edge()) if known < 1.0 else np.zeros(len(half))
+    half = half + (0.0 if missed is None else (1.0 - known) * missed)
+    said = [not_shown_finding(channel) if missed is None else None]
+    said.append(reach_finding(past.ahead, mean, past.free_length))
     return Forecast(
         channel=channel,
         origin=past.origin,
@@ -152,7 +157,7 @@ def forecast(
         level=level,
         weights={"hold": 1.0 - float(weights.sum()), **dict(zip(forecasters, map(float, weights), strict=True))},
         horizons_observed=pairs.observed,
-        findings=past.findings if beyond is None else (*past.findings, beyond),
+        findings=(*past.findings, *(one for one in said if one is not None)),
     )
 
 

@@ -194,6 +194,17 @@ class SlowAnswer:
         planned = slow_columns(self.past, self.past.planned)
         return np.asarray(self.coefficients[-1] @ self._at_rows(planned - self.columns).T)
 
+    def of_first_edge(self) -> FloatArray:
+        """What was answered since the voltage came on, as the last coefficients have it, shape (n_steps,) [SI].
+
+        With an actuator its response alone, which a plan gets in full where the past does not show it; and the drift.
+        """
+        past, drift = self.past, np.zeros(self.columns.shape)
+        drift[:, -1] = past.step * (np.arange(len(drift)) - past.edge_step) / DRIFT_TIME
+        if past.response is None:
+            drift[:, :-1] = self.columns[:, :-1]
+        return np.asarray(drift @ self.coefficients[-1] + self.response)
+
     def _at_rows(self, columns: FloatArray) -> FloatArray:
         past = self.past
         place = past.now + past.leads / past.step

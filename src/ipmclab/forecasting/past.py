@@ -46,10 +46,12 @@ class Past:
     origin, edge : float [s]
         Of the last row that was observed, and of the first voltage edge.
     step : float [s]
-    first, now : int
-        Steps of the first reading that is used, after the edge, and of the last.
-    readings : float array, shape (now + 1,)
-        NaN where none is used.
+    edge_step, first, now : int
+        Steps of the edge, of the first reading that is used, after the edge, and of the last.
+    rest : float [SI]
+        The reading before the edge; NaN where there is none.
+    readings, all_readings : float array, shape (now + 1,)
+        NaN where none is used; and with those until the first that is used.
     scatter : float [SI]
         Standard deviation of a reading about the mean of its step.
     planned, held : float array, shape (n_steps,) [V]
@@ -70,9 +72,12 @@ class Past:
     origin: float
     edge: float
     step: float
+    edge_step: int
     first: int
     now: int
+    rest: float
     readings: FloatArray
+    all_readings: FloatArray
     scatter: float
     planned: FloatArray
     held: FloatArray
@@ -137,7 +142,8 @@ def read_past(
     place = np.ceil((time - time[past - 1]) / step - 1e-6).astype(np.intp)
     place -= place[0]
     count = int(place[-1]) + 1
-    each = np.where(used & (time[:past] >= edge + SETTLE), values[:past], np.nan)
+    every = np.where(used, values[:past], np.nan)
+    each = np.where(time[:past] >= edge + SETTLE, every, np.nan)
     readings = _means(each, place[:past], count)
     known = np.flatnonzero(np.isfinite(readings))
     alone = min(len(known) / max(int(np.count_nonzero(np.isfinite(each))), 1), 1.0)
@@ -148,9 +154,12 @@ def read_past(
         origin=float(time[past - 1]),
         edge=edge,
         step=step,
+        edge_step=int(place[np.searchsorted(time[:past], edge)]),
         first=int(known[0]) if len(known) else 0,
         now=now,
+        rest=_at_rest(every, time[:past], edge, step),
         readings=readings[: now + 1],
+        all_readings=_means(every, place[:past], count)[: now + 1],
         scatter=noise_level(each) * math.sqrt(1.0 - alone),
         planned=_filled(_means(planned, place, count)),
         held=_filled(_means(held, place, count)),
@@ -261,6 +270,14 @@ def _means(values: FloatArray, place: npt.NDArray[np.intp], count: int) -> Float
     rows = np.bincount(place[known], minlength=count)
     total = np.bincount(place[known], weights=values[known], minlength=count)
     return np.where(rows > 0, total / np.maximum(rows, 1), np.nan)
+
+
+def _at_rest(values: FloatArray, time: FloatArray, edge: float, step: float) -> float:
+    """The last readings before the edge, as long as a step; where the record begins with it, the first one."""
+    known = np.flatnonzero(np.isfinite(values) & (time < edge if edge > time[0] else time <= edge))
+    if not len(known):
+        return math.nan
+    return float(np.mean(values[known[time[known] > time[known[-1]] - step]]))
 
 
 def _filled(values: FloatArray) -> FloatArray:

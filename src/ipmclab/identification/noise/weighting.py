@@ -66,9 +66,8 @@ def _is_moved_by_noise(least: Correlated, there: Evaluation) -> bool:
     """Whether least squares loses no more at another estimate than the noise moves its own."""
     from scipy.special import chdtri
 
-    lost = there.cost - least.solution.evaluation.cost
     times = least.inflation(there.residual - least.solution.evaluation.residual)
-    return lost <= float(chdtri(len(there.rows) - 1, REJECT)) * times
+    return there.cost - least.solution.evaluation.cost <= float(chdtri(len(there.rows) - 1, REJECT)) * times
 
 
 def _fitted(least: Correlated, everywhere: Again | None) -> Correlated:

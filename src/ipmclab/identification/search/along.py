@@ -15,7 +15,7 @@ from ipmclab.identification.problem.response import CircuitResponder
 from ipmclab.identification.search.branch_valley import branch_valley
 from ipmclab.identification.search.descent import on_every_row, shorter
 from ipmclab.identification.search.solve import Pinned, Solution, descend
-from ipmclab.identification.search.tangent import entry_errors
+from ipmclab.identification.search.tangent import entry_errors, error_parts
 from ipmclab.identification.search.valleys import AS_GOOD, EVALUATIONS, NEAR, WEAK, Place, Valley
 from ipmclab.model.declared import MOTION, in_group, is_of_circuit
 from ipmclab.model.stages.circuit import DC, SERIES, slowest_branch
@@ -93,7 +93,7 @@ def held_at(problem: Problem, solution: Solution, name: str, values: Sequence[fl
             if not best.converged:  # lost on the way: from the lowest point once more
                 again = descend(pinned, np.delete(lowest.theta, held), evaluations=EVALUATIONS, tolerance=NEAR)
                 best = min(best, again, key=lambda one: one.evaluation.cost)
-            errors = np.insert(entry_errors(best.evaluation), held, 0.0)
+            errors = np.insert(error_parts(best.evaluation), held, 0.0, axis=1)
             neighbour = pinned.in_full(best)
             found.append(Place(neighbour if rows is problem else on_every_row(problem, neighbour), errors))
     return found

@@ -32,8 +32,9 @@ def allowed_places(
         own = max(solution.evaluation.per_residual * times, 1e-300)
         left = place.allowed - max(there.cost - solution.evaluation.cost, 0.0) / own
         if not left < 0.0:
-            # Within a place 95 % of its own, less towards the last one that is allowed.
-            reach = place.errors * np.sqrt(own * min(left, SURE)) if left > 0.0 else None
+            # Within a place 95 % of its own, less towards the last. Lasting noise moves no knowledge from beforehand.
+            errors = np.hypot(np.sqrt(own) * place.errors[0], place.errors[1])
+            reach = errors * np.sqrt(min(left, SURE)) if left > 0.0 else None
             found.append(Rival.of(problem, place.solution.theta, reach))
     return tuple(found)
 
@@ -65,8 +66,6 @@ def still_rivals(
         if is_searched and here.cost > HOPE * solution.evaluation.cost and not is_as_good(here):
             continue
         other = minimum_near(problem, theta, here, evaluations=SHORTLY)
-        if np.abs(other.theta - solution.theta).max(initial=0.0) < _SAME:
-            continue
-        if is_as_good(other.evaluation):
+        if is_as_good(other.evaluation) and np.abs(other.theta - solution.theta).max(initial=0.0) >= _SAME:
             found.append(Rival.of(problem, other.theta))
     return tuple(found)

@@ -23,7 +23,7 @@ from ipmclab.identification.problem.evaluation import Evaluation, Solvable
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.search.branch_times import BranchTimes
 from ipmclab.identification.search.solve import Pinned, Solution, descend, minimise
-from ipmclab.identification.search.tangent import entry_errors
+from ipmclab.identification.search.tangent import entry_errors, error_parts
 from ipmclab.identification.search.valleys import EVALUATIONS, NEAR, SURELY_SOMEWHERE, WEAK, Place
 from ipmclab.model.stages.circuit import Circuit, branch_names
 from ipmclab.run import FloatArray
@@ -64,8 +64,8 @@ class Tied(Pinned):
     def place(self, problem: Problem, best: Solution, branch: int) -> Place:
         """A minimum as a point of a problem of the same unknowns, where a branch is held."""
         theta = self._with_held(best.theta)
-        errors = np.insert(entry_errors(best.evaluation), self._place, 0.0)
-        errors[self._place] = errors[self._free]
+        errors = np.insert(error_parts(best.evaluation), self._place, 0.0, axis=1)
+        errors[:, self._place] = errors[:, self._free]
         whole = replace(best, theta=theta, evaluation=problem.evaluate(theta))
         return Place(whole, errors, SURELY_SOMEWHERE, branch)
 

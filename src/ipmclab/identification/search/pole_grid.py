@@ -36,8 +36,7 @@ def pole_grid(series: Sequence[SearchedRun], count: int = GRID_POLES) -> FloatAr
     """Poles from a third of the slowest to the fastest that these records can show, fastest first [1/s]."""
     longest = max(float(run.time[-1] - run.time[0]) for run in series)
     shortest = min(run.step or float(run.drive.durations.max()) for run in series)
-    grid: FloatArray = -np.exp(np.linspace(math.log(2.0 / shortest), math.log(0.3 / longest), count))
-    return grid
+    return np.asarray(-np.exp(np.linspace(math.log(2.0 / shortest), math.log(0.3 / longest), count)))
 
 
 @cache

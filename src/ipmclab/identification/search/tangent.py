@@ -41,18 +41,23 @@ def known_beforehand(here: Evaluation) -> float:
 
 def entry_errors(here: Evaluation) -> FloatArray:
     """Standard error of each entry, infinite where a direction of which the readings say nothing moves it."""
+    return np.asarray(np.hypot(*error_parts(here)))
+
+
+def error_parts(here: Evaluation) -> FloatArray:
+    """What the noise of the readings makes of these, and what an error of what was known beforehand, shape (2, n)."""
     singular, directions, _, size = here.scaled_spectrum
     kept = singular > STRUCTURAL * singular.max(initial=0.0)
-    errors = np.sqrt(((directions[kept] / singular[kept, None]) ** 2).sum(axis=0)) / size
-    moved = (np.abs(directions[~kept]) > 1e-3).any(axis=0)
-    return np.where(moved, np.inf, errors)
+    ways = directions[kept] / singular[kept, None] / size
+    known = (((ways @ here.rows[:-1, len(here.of_readings) :]).T @ ways) ** 2).sum(axis=0)
+    parts = np.sqrt(np.maximum([(ways**2).sum(axis=0) - known, known], 0.0))
+    return np.where((np.abs(directions[~kept]) > 1e-3).any(axis=0), np.inf, parts)
 
 
 def null_directions(here: Evaluation) -> FloatArray:
     """Unit vectors along which the readings say nothing, shape (n_null, n_unknown)."""
     singular, directions = here.spectrum
-    found: FloatArray = directions[singular <= rank_threshold(here, singular[0])]
-    return found
+    return np.asarray(directions[singular <= rank_threshold(here, singular[0])])
 
 
 def rank_threshold(here: Evaluation, largest: float) -> float:
@@ -61,10 +66,8 @@ def rank_threshold(here: Evaluation, largest: float) -> float:
     That is a part of the largest, unless that is of something that was known beforehand, far better than the readings
     know anything: then they are held against what they themselves know best.
     """
-    if largest <= _SHARP or not here.beforehand:
-        return STRUCTURAL * largest
-    known, read = here.rows[:-1, -here.beforehand :], here.rows[:-1, : -here.beforehand]
-    if np.abs(known).max(initial=0.0) <= 0.5 * largest:
+    read, known = np.split(here.rows[:-1], [len(here.of_readings)], axis=1)
+    if largest <= _SHARP or np.abs(known).max(initial=0.0) <= 0.5 * largest:
         return STRUCTURAL * largest
     best = float(np.sqrt((read * read).sum(axis=1).max(initial=0.0)))
     rounding = len(read) * float(np.finfo(np.float64).eps) * largest

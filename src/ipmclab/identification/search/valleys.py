@@ -39,7 +39,7 @@ _LEVEL: Final = 1e-6  # of the cost, by which two ends of the same valley may di
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """The best fit with something held, the standard errors of all entries there, and the excess that is allowed.
+    """The best fit with something held, the parts of all entries' errors there, and the excess that is allowed.
 
     Where that is the time constant of a branch, ``branch`` is its number.
     """
@@ -136,7 +136,7 @@ class Valley:
             replace(
                 place,
                 solution=replace(place.solution, evaluation=problem.evaluate(place.solution.theta)),
-                errors=times[0] * place.errors,
+                errors=place.errors * [[times[0]], [1.0]],  # what was known beforehand has weights of its own
             )
             for place in self.places
         )
