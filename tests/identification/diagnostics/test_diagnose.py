@@ -18,7 +18,7 @@ from ipmclab import Fit, Run, identify, load_actuator, read_fit, report, simulat
 from ipmclab.errors import InputError
 from ipmclab.fit.in_brief import in_brief
 from ipmclab.fit.output_diagnosis import WORDS, OutputDiagnosis
-from ipmclab.identification.diagnostics.diagnose import _incomplete
+from ipmclab.identification.diagnostics.diagnose import _incomplete, _missing
 from ipmclab.identification.diagnostics.left import Left, of_voltage
 from ipmclab.identification.diagnostics.residuals import _earlier
 from ipmclab.identification.diagnostics.score_directions import along_directions, score_directions
@@ -278,6 +278,21 @@ def test_what_was_tried_is_told_with_what_the_best_of_it_explains(
     start = "what is left of the current follows the voltage; of the stages that were tried"
     assert line.text.startswith(f"{start} {said}")
     assert line.text.endswith("(branches=3, clamp)")
+
+
+@pytest.mark.parametrize(
+    ("shares", "output"),
+    [
+        ({"current": 0.01, "displacement": 0.5}, "displacement"),
+        ({"current": 0.6, "displacement": 0.9}, "current"),
+    ],
+)
+def test_a_stage_is_named_at_the_output_of_which_it_explains_something(shares: dict[str, float], output: str) -> None:
+    """A leak shows in the current; where the motion alone asks for one, "1 % of the current" says nothing of why."""
+    said = _missing(FRIEND, [Tried("leak.cubic", 100.0, shares)], "")
+    assert said.channel == output
+    assert f"what is left of the {output} shows" in said.message
+    assert said.values["explained"] == shares[output]
 
 
 def test_gains_of_additions_are_those_of_linear_regression(lacking: Fit) -> None:

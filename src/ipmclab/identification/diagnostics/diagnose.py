@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from ipmclab.fit.output_diagnosis import OutputDiagnosis, Verdict
 from ipmclab.identification.diagnostics.left import Left
 from ipmclab.identification.diagnostics.residuals import output_diagnosis
-from ipmclab.identification.diagnostics.stages import CLEAR, Tried, named, tried_stages
+from ipmclab.identification.diagnostics.stages import CLEAR, SHARE, Tried, named, tried_stages
 from ipmclab.identification.noise.pieces import imitated
 from ipmclab.identification.problem.free import FreeParameters
 from ipmclab.identification.problem.record import READ_OUTPUTS
@@ -79,7 +79,7 @@ def _missing(actuator: Actuator, chosen: Sequence[Tried], fixed: str) -> Finding
     best, *others = chosen
     # A relaxing displacement lets the circuit of a joint fit go back to the current, yet the displacement shows it.
     outputs = kind_named(best.stage).outputs
-    own = [one for one, share in best.shares.items() if one in outputs and share > 0.0] or [*best.shares]
+    own = [one for one, share in best.shares.items() if one in outputs and share > SHARE] or [*best.shares]
     output = max(own, key=lambda one: best.shares[one])
     explained = best.shares[output]
     also = "".join(f"; as well, {kind_named(one.stage).shows}: {one.stage}" for one in others)

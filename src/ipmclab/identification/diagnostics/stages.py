@@ -17,7 +17,7 @@ from ipmclab.model.stages.kind import Trial
 from ipmclab.ties import largest_first
 
 CLEAR: Final = 25.0  # of evidence, from which a stage is named
-_SHARE: Final = 0.2  # of the power beyond noise that it has to take away
+SHARE: Final = 0.2  # of the power beyond noise that it has to take away
 _AS_WELL: Final = 10.0  # less evidence than the best one has: another stage that would do as well
 _AT_LEAST: Final = 30.0  # steps along a stage of which less than none was asked
 
@@ -120,5 +120,5 @@ def _best_first(tried: Mapping[str, Tried]) -> list[Tried]:
 
 def named(tried: Sequence[Tried]) -> list[Tried]:
     """The stages to name: the best one, if it is clear, and those that would do as well."""
-    clear = [one for one in tried if one.evidence > CLEAR and max(one.shares.values()) > _SHARE]
+    clear = [one for one in tried if one.evidence > CLEAR and max(one.shares.values()) > SHARE]
     return [one for one in clear if one.evidence > clear[0].evidence - _AS_WELL]
