@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, fields
 from typing import Any, Final
 
@@ -21,6 +22,9 @@ _LISTS: Final = ("micrographs",)
 
 
 _BETWEEN: Final = "; "
+
+_WATER: Final = re.compile(r"water|aqueous|\b[hd]2o\b", re.IGNORECASE)
+"""What a solvent with water in it is called by."""
 
 
 @dataclass(frozen=True)
@@ -72,6 +76,17 @@ class Sample:
     electrode_thickness: float | None = None
     micrographs: tuple[str, ...] = ()
     source: str | None = None
+
+    @property
+    def has_no_water(self) -> bool:
+        """Whether its solvent is stated and holds no water, as an ionic liquid does not.
+
+        Examples
+        --------
+        >>> [Sample("a", solvent=one).has_no_water for one in ("EMIM-TFSI", "deionised water", None)]
+        [True, False, False]
+        """
+        return self.solvent is not None and not _WATER.search(self.solvent)
 
     @classmethod
     def from_table(cls, table: dict[str, Any], *, where: str = "sample") -> Sample:

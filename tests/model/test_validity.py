@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from ipmclab import Run, check, load_actuator, read_run, simulate, validate, write_run
+from ipmclab import Run, Sample, check, load_actuator, read_run, simulate, validate, write_run
 from ipmclab.model.validity import highest_frequency, sentence, validity
 
 
@@ -51,6 +52,20 @@ def test_a_leak_that_begins_above_the_run_is_none(form: str) -> None:
     (finding,) = simulate(strip, "step 2.99 V", duration=4.0, rate=50.0).metadata.findings
     assert finding.code == "above-electrolysis"
     assert "the leak of the model gives no current there" in finding.message
+
+
+@pytest.mark.parametrize(
+    ("solvent", "decomposes"),
+    [("EMIM-TFSI", False), ("ethylene glycol", False), ("deionised water", True), ("D2O", True), (None, True)],
+)
+def test_where_no_water_is_none_decomposes(solvent: str | None, decomposes: bool) -> None:
+    """An ionic liquid stands 4 V: a strip that says so is warned of nothing at 2 V, nor limited to its own voltages."""
+    strip = replace(load_actuator("friend-2"), sample=Sample("strip-1", solvent=solvent))
+    run = simulate(strip, "step 2 V", duration=4.0, rate=50.0)
+    assert [finding.code for finding in run.metadata.findings] == ["above-electrolysis"] * decomposes
+    # An actuator of nobody, and a run that says of which strip it is.
+    of_nobody = replace(strip, sample=None)
+    assert [finding.code for finding in validity(of_nobody, run)] == ["above-electrolysis"] * decomposes
 
 
 def test_a_stiffer_modulus_moves_the_limit() -> None:

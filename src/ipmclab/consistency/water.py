@@ -22,7 +22,7 @@ def water_uptake(known: KnownStrip) -> list[Finding]:
     membrane = membrane_of(sample.membrane) if sample else None
     if sample is None or membrane is None or not sample.dry_mass or not sample.hydrated_mass:
         return []
-    if sample.solvent is not None and "water" not in sample.solvent.lower():
+    if sample.has_no_water:
         return []
     water = sample.hydrated_mass - sample.dry_mass
     of_water = math.hypot(known.uncertainty("sample.dry_mass"), known.uncertainty("sample.hydrated_mass"))

@@ -19,6 +19,7 @@ from ipmclab.units import LENGTH
 
 if TYPE_CHECKING:
     from ipmclab.model.actuator import Actuator
+    from ipmclab.sample import Sample
     from ipmclab.signals import Signal
 
 FloatArray = npt.NDArray[np.float64]
@@ -77,7 +78,7 @@ def validity(actuator: Actuator, run: Run, signal: Signal | str | None = None) -
     volts = _largest(run.voltage)
     bending = 0.0 if run.displacement is None else _largest(run.displacement)
     return (
-        *_voltage(actuator, volts),
+        *_voltage(actuator, actuator.sample or run.metadata.sample, volts),
         *_bending(actuator, run, bending),
         *_speed(actuator, run, volts, signal),
         *_ring(actuator, run, volts, bending),
@@ -117,11 +118,13 @@ def _limits(actuator: Actuator) -> _Limits:
     return kept["value"]
 
 
-def _voltage(actuator: Actuator, largest: float) -> list[Finding]:
+def _voltage(actuator: Actuator, sample: Sample | None, largest: float) -> list[Finding]:
     if largest <= ELECTROLYSIS:
         return []
     if largest > _limits(actuator).leaks_above:
         return _extrapolated(largest) if largest > LEAKS_KNOWN_TO else []
+    if sample is not None and sample.has_no_water:
+        return []
     none = "leak of the model gives no current there" if actuator.structure.leak else "model has no leak"
     return [
         Finding(
@@ -129,7 +132,7 @@ def _voltage(actuator: Actuator, largest: float) -> list[Finding]:
             "warning",
             f"the voltage reaches {largest:.4g} V, water decomposes above {ELECTROLYSIS:g} V: the {none}, "
             "so a strip with water in it draws more current and moves otherwise",
-            "stay below, give the actuator a leak at this voltage, or be sure that the strip holds no water",
+            "stay below, give the actuator a leak at this voltage, or state a solvent without water in its [sample]",
             channel="voltage",
             values={"largest_voltage": largest, "limit": ELECTROLYSIS}
             | ({"leaks": 1.0} if actuator.structure.leak else {}),
