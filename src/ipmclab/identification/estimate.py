@@ -34,6 +34,7 @@ from ipmclab.identification.search.doublet import has_doublet
 from ipmclab.identification.search.doubts import contradicted_currents
 from ipmclab.identification.search.everywhere import Everywhere
 from ipmclab.identification.search.lowest import find_minima
+from ipmclab.identification.search.names_of_poles import with_slow_poles_slow
 from ipmclab.identification.search.pose import need_as_many_readings, solved_for, without_leak
 from ipmclab.identification.search.settled import settled_with_unfelt_held
 from ipmclab.identification.search.solve import Solution
@@ -67,7 +68,8 @@ def estimate(actuator: Actuator, names: FreeParameters, records: Sequence[Prepar
     def noisy(problem: Problem, solution: Solution) -> tuple[Correlated, Correlated | None]:
         """The noise of a fit, the fit under it where that predicts as well; and another fit that is as good."""
         least = with_noise(problem, solution, assumed_zeros(problem, names), everywhere.least)
-        return weighted(least, everywhere.lowest)
+        under, other = weighted(least, everywhere.lowest)
+        return under.at(with_slow_poles_slow(under.problem, under.solution)), other
 
     under, other = noisy(problem, solution)
     # White noise is what the first fit assumes. Where it is autocorrelated that contradicts rest far too often.

@@ -10,6 +10,7 @@ import numpy as np
 from ipmclab.identification.problem.evaluation import Evaluation
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.search.descent import HOPE, SHORTLY, minimum_near
+from ipmclab.identification.search.names_of_poles import with_slow_poles_slow
 from ipmclab.identification.search.solve import Solution
 from ipmclab.identification.search.valleys import AS_GOOD, SURE, Place, Rival
 from ipmclab.run import FloatArray
@@ -66,6 +67,9 @@ def still_rivals(
         if is_searched and here.cost > HOPE * solution.evaluation.cost and not is_as_good(here):
             continue
         other = minimum_near(problem, theta, here, evaluations=SHORTLY)
-        if is_as_good(other.evaluation) and np.abs(other.theta - solution.theta).max(initial=0.0) >= _SAME:
+        if not is_as_good(other.evaluation):
+            continue
+        other = with_slow_poles_slow(problem, other)
+        if np.abs(other.theta - solution.theta).max(initial=0.0) >= _SAME:
             found.append(Rival.of(problem, other.theta))
     return tuple(found)

@@ -17,6 +17,7 @@ from ipmclab.identification.search.along import along_valleys
 from ipmclab.identification.search.as_good import allowed_places
 from ipmclab.identification.search.descent import LONGEST, SHORTLY, at_floor, minimum, minimum_near, to_the_end, weigh
 from ipmclab.identification.search.doublet import COUPLING, without_doublet
+from ipmclab.identification.search.names_of_poles import with_slow_poles_slow
 from ipmclab.identification.search.pose import entries_at, is_size_of_leak, problem_at, without_leak
 from ipmclab.identification.search.searched_run import moves_of_rows
 from ipmclab.identification.search.solve import Solution
@@ -88,6 +89,8 @@ def _search(
         if not explore and solution.converged and at_floor(problem, solution, noise):
             break
     tried = to_the_end(tried, noise)
+    hopeful = tried[0][1].evaluation.cost + AS_GOOD * tried[0][1].evaluation.per_residual
+    tried = [(of, with_slow_poles_slow(of, one) if one.evaluation.cost <= hopeful else one) for of, one in tried]
     problem, solution = min(tried, key=lambda pair: pair[1].evaluation.cost)
     found = between_other_rows(problem, solution)
     tried += [(problem, other) for other in found if other is not solution]

@@ -13,10 +13,10 @@ import numpy as np
 from ipmclab.identification.problem.free_run import seen_from_sensor
 from ipmclab.identification.problem.record import PreparedRun, fastest_rate, model_hold
 from ipmclab.identification.search.searched_run import SearchedRun, of_sensors
-from ipmclab.identification.search.starts.slow_modes import slow_modes, slow_poles, slow_values
 from ipmclab.identification.search.varpro import PoleFit, all_minima, near_pairs, pair_minima, search_poles
 from ipmclab.model import Actuator, simulate_outputs
 from ipmclab.model.numerics.drive import Drive, responses
+from ipmclab.model.slow_modes import slow_modes, slow_poles, slow_values
 from ipmclab.run import FloatArray
 
 _IS_SLOW: Final = re.compile(r"relaxation\..*\.(ratio|lead)$")
