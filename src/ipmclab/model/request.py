@@ -90,7 +90,6 @@ def checked_force(force: npt.ArrayLike, rows: int) -> FloatArray:
 
 def _checked_rows(name: str, unit: str, values: npt.ArrayLike, rows: int) -> tuple[FloatArray, float]:
     """The values, and the sum of their squares: no magnitude is above its root."""
-    quantity = name.replace("_", " ")
     try:
         given: Any = values
         if isinstance(given, np.ma.MaskedArray):  # NumPy would show what the mask hides
@@ -98,14 +97,17 @@ def _checked_rows(name: str, unit: str, values: npt.ArrayLike, rows: int) -> tup
         found = np.ascontiguousarray(given, dtype=np.float64)
     except (TypeError, ValueError) as error:
         raise InputError(
-            "not an array of numbers", code="bad-array", where=name, repair=f"give one {quantity} [{unit}] for each row"
+            "not an array of numbers",
+            code="bad-array",
+            where=name,
+            repair=f"give one {_words(name)} [{unit}] for each row",
         ) from error
     if found.shape != (rows,):
         raise InputError(
             f"the array has shape {found.shape}, there are {rows} rows",
             code="unequal-lengths",
             where=name,
-            repair=f"give one {quantity} [{unit}] for each of round(duration x rate) rows",
+            repair=f"give one {_words(name)} [{unit}] for each of round(duration x rate) rows",
         )
     squares = sum_of_squares(found)
     if not math.isfinite(squares):
@@ -115,9 +117,13 @@ def _checked_rows(name: str, unit: str, values: npt.ArrayLike, rows: int) -> tup
                 f"row {bad[0]} is {found[bad[0]]}",
                 code=f"bad-{name.replace('_', '-')}",
                 where=name,
-                repair=f"every row needs the {quantity} that was applied",
+                repair=f"every row needs the {_words(name)} that was applied",
             )
     return found, squares
+
+
+def _words(name: str) -> str:
+    return name.replace("_", " ")
 
 
 def checked_record(time: npt.ArrayLike, voltage: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:

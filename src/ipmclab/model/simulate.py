@@ -21,7 +21,7 @@ from ipmclab.model.ports import OUTPUTS
 from ipmclab.model.request import check_hold, count_rows, sum_of_squares, voltage_of
 from ipmclab.model.stages.circuit import CONTACT
 from ipmclab.model.stages.laser import blank_lost
-from ipmclab.model.validity import validity
+from ipmclab.model.validity import beyond_model
 from ipmclab.run import Finding, Hold, Run, RunMetadata
 
 if TYPE_CHECKING:
@@ -274,7 +274,7 @@ def _as_run(
         **(around.readings if around else {}),
         metadata=about,
     )
-    found = (*validity(actuator, run, signal), *(around.findings if around else ()))
+    found = (*beyond_model(actuator, run, signal), *(around.findings if around else ()))
     if found:  # nobody has the run yet, and a copy takes as long as 2,000 rows
         object.__setattr__(run, "metadata", _metadata(vars(about), findings=found))
     return run

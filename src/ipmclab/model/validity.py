@@ -75,6 +75,11 @@ def validity(actuator: Actuator, run: Run, signal: Signal | str | None = None) -
     >>> validity(leaking, simulate(leaking, "step 2 V", duration=4.0, rate=50.0))
     ()
     """
+    return beyond_model(actuator, run, signal)
+
+
+def beyond_model(actuator: Actuator, run: Run, signal: Signal | str | None = None) -> tuple[Finding, ...]:
+    """The same for what a simulation has just made, of which no kind needs to be asked."""
     volts = _largest(run.voltage)
     bending = 0.0 if run.displacement is None else _largest(run.displacement)
     return (

@@ -95,7 +95,8 @@ class Run(Shown):
             if held[name] is not None:
                 held[name] = read_only(held[name])
         for name in ("quality", "raw"):
-            held[name] = {channel: read_only(values) for channel, values in held[name].items()}
+            given = held[name]
+            held[name] = {channel: read_only(values) for channel, values in given.items()} if given else {}
 
     @classmethod
     def from_arrays(

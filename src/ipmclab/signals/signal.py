@@ -171,11 +171,12 @@ class Signal(ABC):
         delay: float = getattr(self, "delay", 0.0)
         times = np.asarray(time, dtype=np.float64)
         # One dimension: NumPy computes a lone scalar otherwise than an array, in the last digit.
-        since = times.ravel() - delay if delay else times.ravel()
+        since = times if times.ndim == 1 else times.ravel()
+        since = since - delay if delay else since
         end = self.duration - delay - EDGE
         starts = since.size == 0 or since[since.argmin()] >= 0.0  # in half the time of min()
         if starts and (end == math.inf or since.max(initial=0.0) < end):  # as is usual
-            return self._shape(since).reshape(times.shape)
+            return self._shape(since) if times.ndim == 1 else self._shape(since).reshape(times.shape)
         acts = (since >= -EDGE) & (since < end)
         return np.where(acts, self._shape(np.where(acts, np.maximum(since, 0.0), 0.0)), 0.0).reshape(times.shape)
 
