@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import unicodedata
 from dataclasses import dataclass, fields
 from typing import Any, Final
 
@@ -23,8 +24,15 @@ _LISTS: Final = ("micrographs",)
 
 _BETWEEN: Final = "; "
 
-_WATER: Final = re.compile(r"water|aqueous|\b[hd]2o\b", re.IGNORECASE)
+_WATER: Final = re.compile(r"water|aqueous|[hd]2o", re.IGNORECASE)
 """What a solvent with water in it is called by."""
+
+_NO_WATER: Final = re.compile(
+    r"ionic liquid|imidazolium|pyrrolidinium|[eb]mim?\b|tfsi|triflate|bf4|pf6|"
+    r"glycol|glycerol|(?:prop|eth)ylene carbonate|dmso|formamide|\w+anol\b|crown ether",
+    re.IGNORECASE,
+)
+"""What solvents without it are called by; of any other name nobody knows."""
 
 
 @dataclass(frozen=True)
@@ -79,14 +87,15 @@ class Sample:
 
     @property
     def has_no_water(self) -> bool:
-        """Whether its solvent is stated and holds no water, as an ionic liquid does not.
+        """Whether its solvent is one that is known to hold no water, as an ionic liquid or a glycol does not.
 
         Examples
         --------
-        >>> [Sample("a", solvent=one).has_no_water for one in ("EMIM-TFSI", "deionised water", None)]
-        [True, False, False]
+        >>> [Sample("a", solvent=one).has_no_water for one in ("EMIM-TFSI", "deionised water", "PBS", None)]
+        [True, False, False, False]
         """
-        return self.solvent is not None and not _WATER.search(self.solvent)
+        name = unicodedata.normalize("NFKC", self.solvent or "")
+        return bool(_NO_WATER.search(name)) and not _WATER.search(name)
 
     @classmethod
     def from_table(cls, table: dict[str, Any], *, where: str = "sample") -> Sample:

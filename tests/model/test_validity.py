@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ipmclab import Run, Sample, check, load_actuator, read_run, simulate, validate, write_run
+from ipmclab import Run, Sample, check, identify, load_actuator, read_run, simulate, validate, write_run
 from ipmclab.model.validity import highest_frequency, sentence, validity
 
 
@@ -56,16 +56,20 @@ def test_a_leak_that_begins_above_the_run_is_none(form: str) -> None:
 
 @pytest.mark.parametrize(
     ("solvent", "decomposes"),
-    [("EMIM-TFSI", False), ("ethylene glycol", False), ("deionised water", True), ("D2O", True), (None, True)],
+    [
+        *((one, False) for one in ("EMIM-TFSI", "ethylene glycol", "BMI-BF₄", "an ionic liquid", "ethanol")),
+        *((one, True) for one in ("deionised water", "H₂O", "D2O", "ethanol and water", "PBS", "0.1 M LiCl", "", None)),
+    ],
 )
 def test_where_no_water_is_none_decomposes(solvent: str | None, decomposes: bool) -> None:
     """An ionic liquid stands 4 V: a strip that says so is warned of nothing at 2 V, nor limited to its own voltages."""
     strip = replace(load_actuator("friend-2"), sample=Sample("strip-1", solvent=solvent))
     run = simulate(strip, "step 2 V", duration=4.0, rate=50.0)
     assert [finding.code for finding in run.metadata.findings] == ["above-electrolysis"] * decomposes
-    # An actuator of nobody, and a run that says of which strip it is.
-    of_nobody = replace(strip, sample=None)
-    assert [finding.code for finding in validity(of_nobody, run)] == ["above-electrolysis"] * decomposes
+    # Where the run says of which strip it is, its sample counts: a fit and a validation ask it too.
+    of_water = replace(strip, sample=Sample("strip-2", solvent="water"))
+    found = [validity(of_water, run), identify(of_water, run).findings, validate(of_water, run).findings]
+    assert ["above-electrolysis" in {finding.code for finding in one} for one in found] == [decomposes] * 3
 
 
 def test_a_stiffer_modulus_moves_the_limit() -> None:

@@ -124,7 +124,7 @@ def test_where_an_edge_lies_between_its_rows_errors_are_as_far_off_as_the_fit_sa
         assert fit.parameters[fast].standard_error < 1.3 * bootstrap(fit, 60).standard_errors[fast]
 
 
-def test_under_correlated_noise_draws_and_a_fit_from_a_file_are_refused(fit: Fit, tmp_path: Path) -> None:
+def test_too_few_draws_and_a_fit_from_a_file_are_refused(fit: Fit, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="39 draws") as caught:
         bootstrap(fit, 39)
     assert caught.value.code == "out-of-range"

@@ -42,7 +42,7 @@ class Candidate:
         Of the held-out readings.
     rmse_left : mapping of output to float [SI]
         The same; of whole runs less what these errors have along what the parameters may be off in a fit without the
-        run. A model is not put back for a parameter that the other runs do not show.
+        run. A parameter that the other runs do not show does not count against a model.
     aic, bic : float or None
         Of the fit to all runs, with correlated noise; smaller is better.
     log_likelihood : float or None [nat]
@@ -84,8 +84,8 @@ def as_close(candidates: Sequence[Candidate]) -> list[str]:
 
     A record in which most of what a branch explains happens once cannot prove it by the scatter of its blocks; a
     model that misses readings by half as much again is not as good for that. But where a fit without a run does not
-    know a parameter, how far it misses that run is luck, the larger model's too: what the parameters may be off is no
-    reason to put a smaller one back.
+    know a parameter, how far it misses that run is luck, the larger model's too: what the parameters may be off does
+    not count against a smaller one.
 
     Parameters
     ----------
@@ -134,8 +134,11 @@ def contained_in_excluded(
 
 
 def _is_part(one: Candidate, other: Candidate) -> bool:
-    """Whether the parameters of a model are some of those of another."""
-    return one.fit is not None and other.fit is not None and set(one.fit.parameters) < set(other.fit.parameters)
+    """Whether what is free of the strip in a model is free in another too, which has more."""
+    if one.fit is None or other.fit is None or one.held:
+        return False
+    own, others = ({n for n in of.parameters if not n.startswith("observation.")} for of in (one.fit, other.fit))
+    return own < others
 
 
 @dataclass(frozen=True, eq=False)
@@ -240,8 +243,8 @@ class Choice(Shown):
                 )
         lines += [*self._by_criteria(), *self._still_lacking(), *self._left_open()]
         lines += [
-            f"{one.name}: {_shown_in(stage, labels)} the fit leaves that stage open. So whole runs cannot judge it: "
-            "hold out blocks of time (--hold-out blocks)."
+            f"{one.name}: {_left_open_without(stage, labels)}. So whole runs cannot judge it: hold out blocks of time "
+            "(--hold-out blocks)."
             for one in ranked
             if one.name != self.preferred or alike
             for stage, labels in one.shown_in_one.items()
@@ -268,7 +271,9 @@ class Choice(Shown):
         these, own = [self[self.best], *alike], self[self.preferred]
         lines = [f"These records cannot distinguish {listed([one.name for one in these])}."]
         close = as_close(these)
-        of = "these" if len(close) == len(these) else f"those whose RMSE is at most {AS_CLOSE:g} times the least"
+        beside = "" if all(is_close(self[name], these) for name in close) else " beside what parameters may be off"
+        near = f"those whose RMSE is at most {AS_CLOSE:g} times the least{beside}"
+        of = "these" if len(close) == len(these) else near
         if any(self[name].parameters != own.parameters for name in close):
             reason = f"it has the fewest parameters of {of}"
         elif len(close) > 1:
@@ -276,7 +281,7 @@ class Choice(Shown):
         elif self.preferred == self.best:
             reason = f"it predicted best, and no other one is within {AS_CLOSE:g} times the least RMSE of each output"
         else:
-            reason = f"its RMSE is the least, and that of the others is more than {AS_CLOSE:g} times as large"
+            reason = f"its RMSE is the least{beside}, and that of the others is more than {AS_CLOSE:g} times as large"
         lines.append(f"{self.preferred} is preferred: {reason} ({own.parameters} parameters).")
         for one in alike:
             if one.name not in close:
@@ -364,10 +369,10 @@ class Choice(Shown):
         }
 
 
-def _shown_in(stage: str, labels: Sequence[str]) -> str:
+def _left_open_without(stage: str, labels: Sequence[str]) -> str:
     if len(labels) == 1:
-        return f"only {labels[0]} shows {stage}, and without it"
-    return f"{stage} shows only in {listed(labels)} together, and without one of them"
+        return f"only {labels[0]} shows {stage}, and without it the fit leaves that stage open"
+    return f"fits without some of {listed(labels)} leave {stage} open"
 
 
 def _as_dict(choice: Choice, one: Candidate) -> dict[str, Any]:
@@ -377,6 +382,7 @@ def _as_dict(choice: Choice, one: Candidate) -> dict[str, Any]:
         "reason": one.reason or None,
         "free": list(one.free),
         "held": list(one.held),
+        "rmse_left": dict(one.rmse_left),
         "shown_in_one": {stage: list(labels) for stage, labels in one.shown_in_one.items()},
         "parameters": one.parameters,
         "converged": None if one.fit is None else one.fit.converged,

@@ -50,12 +50,12 @@ def verdict(fit: Fit, missed: Collection[str] = ()) -> str:
         use = f"This fit follows the {what} of its own runs, but does not predict the {listed(lost)} of every other run"
     elif (worst is not None and worst > _ROUGH) or any(one.code in IMPOSSIBLE for one in fit.findings):
         use = f"This fit predicts the {what} only roughly"
-    if not lost and _holds_as_read_only(fit):
+    if not lost and _only_like_its_own_runs(fit):
         use += f"{' and' if use.endswith('roughly') else ''} only for voltages and durations like those of its own runs"
     return f"{use} ({followed}); {_of_parameters(fit)}."
 
 
-def _holds_as_read_only(fit: Fit) -> bool:
+def _only_like_its_own_runs(fit: Fit) -> bool:
     """Whether nobody knows what the strip does under other voltages than those of the runs.
 
     Where water decomposes the current is in no proportion to the voltage: what a model without a leak takes for a

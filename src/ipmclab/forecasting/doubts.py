@@ -134,13 +134,14 @@ def reach_finding(time: FloatArray, mean: FloatArray, free_length: float) -> Fin
 
 
 def not_shown_finding(channel: str) -> Finding:
-    """That the voltage moves for the first time beyond the origin: nothing shows how far its answer may be off."""
+    """That no reading shows how the strip answers an edge, which the plan has: how far that may be off is unknown."""
     return Finding(
         "plan-not-shown",
         "warning",
-        f"up to the origin no reading of the {channel} shows an answer to the voltage, and the plan moves it: the band "
-        "does not hold how far that answer may be off",
-        "give an origin after the voltage has come on, or validate the actuator with another run of this strip",
+        f"no readings of the {channel} from before and after the first edge of the voltage show how the strip answers, "
+        "and the plan moves the voltage: the band does not hold how far that answer may be off",
+        "give a record that begins at 0 V and an origin after its first edge, or validate the actuator with another "
+        "run of this strip",
         channel=channel,
     )
 

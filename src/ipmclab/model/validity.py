@@ -83,7 +83,7 @@ def beyond_model(actuator: Actuator, run: Run, signal: Signal | str | None = Non
     volts = _largest(run.voltage)
     bending = 0.0 if run.displacement is None else _largest(run.displacement)
     return (
-        *_voltage(actuator, actuator.sample or run.metadata.sample, volts),
+        *_voltage(actuator, run.metadata.sample or actuator.sample, volts),
         *_bending(actuator, run, bending),
         *_speed(actuator, run, volts, signal),
         *_ring(actuator, run, volts, bending),

@@ -277,7 +277,7 @@ def _validate_run(
     scores = {name: score(name, [one]) for name, one in comparisons.items()}
     for name in silent & scores.keys():
         scores[name] = replace(scores[name], reason=_SILENT)
-    answer = Run(time=run.time, voltage=run.voltage, hold=run.hold, **predicted)
+    answer = Run(time=run.time, voltage=run.voltage, hold=run.hold, metadata=run.metadata, **predicted)
     about = RunMetadata(
         origin="simulated",
         sample=actuator.sample,

@@ -62,7 +62,7 @@ def _answer(model: Actuator, record: PreparedRun, read: Observation, drift: floa
     """The run as the fitted actuator predicts it, as far as the fit read it, with a drift of its sensor [SI/s]."""
     run, reading = record.run, record.readings.get("displacement")
     if reading is None:
-        return Run(time=run.time, voltage=run.voltage, hold=run.hold)
+        return Run(time=run.time, voltage=run.voltage, hold=run.hold, metadata=run.metadata)
     every = np.array(predict(model, record, ["displacement"], read.delay, read.initial_state))
     blank_lost(every, ["displacement"], model.parameter_values, kept=reading.exact)
     if read.initial_state:
@@ -70,4 +70,4 @@ def _answer(model: Actuator, record: PreparedRun, read: Observation, drift: floa
         # the readings moved.
         every += drift * (run.time - run.time[0])
         every -= np.sum(every[0][np.isfinite(every[0])][:1])  # of none 0
-    return Run(time=run.time, voltage=run.voltage, hold=run.hold, displacement=every[0])
+    return Run(time=run.time, voltage=run.voltage, hold=run.hold, displacement=every[0], metadata=run.metadata)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.problem.record import fastest_rate
 from ipmclab.identification.search.descent import minimum_near
@@ -21,7 +23,7 @@ def with_slow_poles_slow(problem: Problem, solution: Solution) -> Solution:
     places = {unknown.name: place for place, unknown in enumerate(problem.unknowns)}
     if len(outputs) != 1 or not places.keys() >= set(COUPLING):
         return solution
-    values = problem.values(solution.theta, problem.records[0].place)
+    values = problem.in_reference(solution.theta, problem.records[0].place)
     named = fastest_to_coupling(values, min(outputs), fastest_rate(problem.records))
     if not named or not places.keys() >= named.keys():
         return solution
@@ -31,4 +33,6 @@ def with_slow_poles_slow(problem: Problem, solution: Solution) -> Solution:
         theta[places[name]] = unknown.entry(unknown.inside(value))
     found = minimum_near(problem, theta)
     is_as_good = found.evaluation.cost <= solution.evaluation.cost + AS_GOOD * solution.evaluation.per_residual
-    return found if found.converged and is_as_good else solution
+    if not (found.converged and is_as_good):
+        return solution
+    return replace(found, evaluations=found.evaluations + solution.evaluations)
