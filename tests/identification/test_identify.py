@@ -387,6 +387,13 @@ def test_a_series_resistance_that_was_free_is_no_fault_of_the_record() -> None:
     assert not answer_of(fit).is_refused
 
 
+def test_a_series_resistance_that_is_known_beforehand_is_none_of_the_readings() -> None:
+    name = "circuit.sheet_resistance"
+    thin = replace(FRIEND.replace(**{name: 3.0}), standard_uncertainties={name: 1e-5})
+    fit = brief(thin, record(), free=f"electrical,{name}", prior=name)
+    assert "impossible-current" in {finding.code for finding in fit.findings}
+
+
 @pytest.mark.parametrize(
     ("runs", "free", "code", "words"),
     [

@@ -97,7 +97,7 @@ def contradicted_currents(
     less = " (the zero of its sensor taken off)" if added.any() else ""
     reaches = f"{record.label}: the current reaches {1e3 * largest:.4g} mA{less}"
     # One that was free is what the readings made of it: what it does not allow the model lacks.
-    is_given = parts.series and not any(u.base in SERIES and u.prior is None for u in problem.unknowns)
+    is_given = parts.series and not any(u.base in SERIES and u.beforehand is None for u in problem.unknowns)
     if is_given and read > swing / parts.series and largest > 1.02 * swing / parts.series:
         most = swing / parts.series
         return [
