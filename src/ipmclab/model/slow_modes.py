@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from itertools import combinations
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,6 +15,31 @@ from ipmclab.run import FloatArray
 
 Modes = tuple[tuple[float, float], ...]
 """Slow modes as (ratio, time constant [s]), fastest first."""
+
+
+class Quadratic(NamedTuple):
+    """Two poles as (level + gain s)/(s^2 + p1 s + p2)."""
+
+    level: float
+    gain: float
+    p1: float
+    p2: float
+
+
+def of_two(poles: FloatArray, residues: FloatArray) -> Quadratic:
+    """Two real poles with their residues, as one fraction."""
+    level = -float(residues @ poles[::-1])
+    return Quadratic(level, float(np.sum(residues)), float(-np.sum(poles)), float(np.prod(poles)))
+
+
+def fastest_two(poles: FloatArray, residues: FloatArray) -> list[int]:
+    """The places of the fastest two poles that a d(s) with a positive d(0) can have; the fastest where none can.
+
+    Any two would do for d(s), for which is called slow is a name.
+    """
+    pairs = [list(pair) for pair in combinations(np.argsort(poles).tolist(), 2)]
+    positive = (pair for pair in pairs if of_two(poles[pair], residues[pair]).level > 0.0)
+    return next(positive, pairs[0])
 
 
 def slow_poles(actuator: Actuator, output: str) -> int:
@@ -49,7 +75,12 @@ def slow_values(actuator: Actuator, output: str, modes: Modes) -> dict[str, floa
         values[f"{name}lead"] = ratio_1 * tau_2 + ratio_2 * tau_1
         values[f"{name}time_constant"] = tau
         values[f"{name}damping_ratio"] = (tau_1 + tau_2) / (2.0 * tau)
-    for number, (ratio, tau) in enumerate(left):
+    return values | _of_modes(output, left)
+
+
+def _of_modes(output: str, modes: Iterable[tuple[float, float]]) -> dict[str, float]:
+    values = {}
+    for number, (ratio, tau) in enumerate(modes):
         values[f"{mode_name(output, number)}ratio"] = ratio
         values[f"{mode_name(output, number)}time_constant"] = tau
     return values
@@ -59,7 +90,7 @@ def fastest_to_coupling(values: Mapping[str, float], output: str, farthest_zero:
     """The same answer of one output with the fastest real poles called those of d(s), and the others slow modes.
 
     An output is a sum of poles, of which any two with a positive static part make a d(s), the rest the slow modes
-    beside it. Complex poles are always those of d(s), and a pair of slow modes keeps its own.
+    beside it. Complex poles are always those of d(s); beside a pair of slow modes nothing gets another name.
 
     Parameters
     ----------
@@ -92,17 +123,11 @@ def fastest_to_coupling(values: Mapping[str, float], output: str, farthest_zero:
     parts = gain * (zero + own) / (own - own[::-1])
     poles = np.concatenate([own, slow])
     residues = np.concatenate([parts, gain * zero / p2 * slow * [values[name] for name in ratios]])
-    for pair in map(list, combinations(np.argsort(poles).tolist(), 2)):
-        level = -float(residues[pair] @ poles[pair[::-1]])
-        if level > 0.0:
-            break
+    pair = fastest_two(poles, residues)
     if set(pair) == {0, 1}:
         return {}
-    gain, p2 = max(float(np.sum(residues[pair])), level / farthest_zero), float(np.prod(poles[pair]))
+    level, gain, p1, p2 = of_two(poles[pair], residues[pair])
+    gain = max(gain, level / farthest_zero)
     modes = slow_modes(np.delete(poles, pair), np.delete(residues, pair), level / p2)
-    named = {"gain": gain, "zero": level / gain, "p1": -float(np.sum(poles[pair])), "p2": p2}
-    found = {f"coupling.{name}": value for name, value in named.items()}
-    for number, (ratio, tau) in enumerate(modes):
-        name = mode_name(output, number)
-        found |= {f"{name}ratio": ratio, f"{name}time_constant": tau}
-    return found
+    named = {"gain": gain, "zero": level / gain, "p1": p1, "p2": p2}
+    return {f"coupling.{name}": value for name, value in named.items()} | _of_modes(output, modes)

@@ -159,7 +159,7 @@ def _without(fit: Fit, result: Estimate, record: PreparedRun, label: str) -> Lef
     )
     if np.isinf(errors[shared][np.isfinite(were[shared])]).any():
         return left  # along what they do not show at all the others would stand where this run put them
-    covariance = _covariance(result.correlated, others, here)
+    covariance = _covariance(result.correlated, others, _by_readings(here))
     theirs = OtherRuns(fit, others, solution.theta, covariance, order)
     try:
         itself = found_on_itself(whole, theta, theirs, kept, record) if own else None
@@ -202,8 +202,9 @@ def _change(
     columns = [column for column in range(len(before.rows) - 1) if column not in gone]
     of_all = Evaluation(before.rows[[*columns, -1]], before.beforehand)
     places = [columns.index(kept[place]) for place in moved]
-    covariance = _covariance(result.correlated, others, found.evaluation)
-    of_change = _covariance_of_change(result.correlated, of_all, others, found.evaluation, places)
+    theirs = _by_readings(found.evaluation)
+    covariance = _covariance(result.correlated, others, theirs)
+    of_change = _covariance_of_change(result.correlated, others, theirs, _by_readings(of_all)[:, places])
     errors = entry_errors(found.evaluation)
     known = [
         number
@@ -236,9 +237,13 @@ def _inverse(here: Evaluation) -> FloatArray:
     return np.asarray(inverse @ inverse.T)
 
 
-def _covariance(under: Correlated, others: Problem, here: Evaluation) -> FloatArray:
-    """Of what the other runs find, under the noise that was found."""
-    theirs = here.jacobian @ _inverse(here)
+def _by_readings(here: Evaluation) -> FloatArray:
+    """How far each reading moves each entry, shape (n_residual, n_unknown)."""
+    return here.jacobian @ _inverse(here)
+
+
+def _covariance(under: Correlated, others: Problem, theirs: FloatArray) -> FloatArray:
+    """Of what the other runs find by their readings, under the noise that was found."""
     known = theirs[len(theirs) - len(_priors(others)) :]
     covariance = known.T @ known
     for key, piece in others.pieces.items():
@@ -246,12 +251,8 @@ def _covariance(under: Correlated, others: Problem, here: Evaluation) -> FloatAr
     return covariance
 
 
-def _covariance_of_change(
-    under: Correlated, before: Evaluation, others: Problem, here: Evaluation, kept: list[int]
-) -> FloatArray:
-    """Of what leaving the run out changes, under the noise that was found."""
-    theirs = here.jacobian @ _inverse(here)
-    every = (before.jacobian @ _inverse(before))[:, kept]
+def _covariance_of_change(under: Correlated, others: Problem, theirs: FloatArray, every: FloatArray) -> FloatArray:
+    """Of what leaving the run out changes, by the readings of the others and by every one, under the same noise."""
     of_theirs, of_every = _priors(others), _priors(under.problem)
     known = -every[len(every) - len(of_every) :]
     known[[of_every.index(name) for name in of_theirs]] += theirs[len(theirs) - len(of_theirs) :]

@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -16,7 +15,7 @@ from ipmclab.identification.search.searched_run import SearchedRun, of_sensors
 from ipmclab.identification.search.varpro import PoleFit, all_minima, near_pairs, pair_minima, search_poles
 from ipmclab.model import Actuator, simulate_outputs
 from ipmclab.model.numerics.drive import Drive, responses
-from ipmclab.model.slow_modes import slow_modes, slow_poles, slow_values
+from ipmclab.model.slow_modes import Quadratic, fastest_two, of_two, slow_modes, slow_poles, slow_values
 from ipmclab.run import FloatArray
 
 _IS_SLOW: Final = re.compile(r"relaxation\..*\.(ratio|lead)$")
@@ -87,7 +86,7 @@ def _with_slow_modes(actuator: Actuator, of: Sequence[Motion], slow: int) -> Ite
 
 def _turning(of: Sequence[Motion], found: PoleFit) -> tuple[_Start, dict[str, float]]:
     """Two real poles of d(s), and a complex pair (r + lead s)/(1 + 2 zeta tau s + tau^2 s^2) of slow ones."""
-    slow, start = _of_pair(found), _start(of, _of_poles(found.poles, found.residues))
+    slow, start = _of_pair(found), _start(of, of_two(found.poles, found.residues))
     name, static, tau = f"relaxation.{of[0].output}_pair.0", start.level / start.p2, slow.p2**-0.5
     values = {
         f"{name}.ratio": -slow.level * tau**2 / static,
@@ -118,29 +117,15 @@ def _named(start: _Start) -> dict[str, float]:
     }
 
 
-class _Quadratic(NamedTuple):
-    """Two poles as (level + gain s)/(s^2 + p1 s + p2)."""
-
-    level: float
-    gain: float
-    p1: float
-    p2: float
-
-
-def _of_poles(poles: FloatArray, residues: FloatArray) -> _Quadratic:
-    level = -float(residues @ poles[::-1])
-    return _Quadratic(level, float(np.sum(residues)), float(-np.sum(poles)), float(np.prod(poles)))
-
-
-def _of_pair(found: PoleFit) -> _Quadratic:
+def _of_pair(found: PoleFit) -> Quadratic:
     assert found.pair is not None
     pair = found.pair
     level = -(pair.residue * pair.pole.conjugate()).real
-    return _Quadratic(level, pair.residue.real, -2.0 * pair.pole.real, abs(pair.pole) ** 2)
+    return Quadratic(level, pair.residue.real, -2.0 * pair.pole.real, abs(pair.pole) ** 2)
 
 
 def _start(
-    motion: Sequence[Motion], fast: _Quadratic, poles: FloatArray = _NONE, residues: FloatArray = _NONE
+    motion: Sequence[Motion], fast: Quadratic, poles: FloatArray = _NONE, residues: FloatArray = _NONE
 ) -> _Start:
     """A start from the poles of d(s) and those of slow modes beside them."""
     nyquist = fastest_rate(one.record for one in motion)
@@ -159,12 +144,9 @@ def _from(motion: Sequence[Motion], real: Sequence[PoleFit], *, slow_may_turn: b
     hopeless, starts = _HOPELESS * real[0].cost, []
     for found in real[:_MINIMA]:
         if found.cost < hopeless or found is real[0]:
-            # Any two poles would do for d(s), for which is called slow is a name: the fastest two with a positive d(0).
-            pairs = [list(pair) for pair in combinations(range(len(found.poles)), 2)]
-            positive = (fast for fast in pairs if _of_poles(found.poles[fast], found.residues[fast]).level > 0.0)
-            own = next(positive, pairs[0])
+            own = fastest_two(found.poles, found.residues)
             rest = np.delete(found.poles, own), np.delete(found.residues, own)
-            starts.append(_start(motion, _of_poles(found.poles[own], found.residues[own]), *rest))
+            starts.append(_start(motion, of_two(found.poles[own], found.residues[own]), *rest))
     count = len(real[0].poles) - 2
     for found in _within_drifts(motion, lambda series, common: near_pairs(series, count, common, hopeless))[:_PAIRS]:
         fast = _of_pair(found)
